@@ -1,0 +1,2 @@
+//! The `relume` command.
+fn main() {}

@@ -1,0 +1,1 @@
+//! Files for Relume: glTF and OBJ in, EXR and PNG out, light rigs.

@@ -1,0 +1,1 @@
+//! Scenes with known answers, shared by the tests.

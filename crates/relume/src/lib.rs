@@ -1,0 +1,11 @@
+//! Relume relights a fixed shot with full global illumination while the lights move.
+
+pub mod error;
+pub mod image;
+pub mod progress;
+pub mod scene;
+
+pub use error::{Error, Result};
+pub use glam;
+pub use progress::Progress;
+pub use scene::{Camera, Light, LightKind, LightRig, Scene};

@@ -1,0 +1,68 @@
+//! Geometry, materials, textures, cameras, lights and rigs: plain data.
+//!
+//! Metres, Y up, right-handed; scene-linear Rec. 709; radiant units (see `docs/ARCHITECTURE.md`).
+
+mod camera;
+mod geometry;
+mod light;
+mod material;
+mod texture;
+
+pub use camera::Camera;
+pub use geometry::Geometry;
+pub use light::{Light, LightKind, LightRig};
+pub use material::{AlphaMode, Material, TextureRef};
+pub use texture::{ColorSpace, Texture, Wrap};
+
+use glam::{Affine3A, Vec2, Vec3, Vec4};
+
+/// Triangles that share one material, in object space.
+///
+/// `normals` has one entry a vertex; `uvs` and `tangents` have one a vertex or are empty.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// The name in the file.
+    pub name: String,
+    /// Metres, object space.
+    pub positions: Vec<Vec3>,
+    /// Unit shading normals.
+    pub normals: Vec<Vec3>,
+    /// Texture coordinates, glTF convention: (0, 0) is the top left of the image.
+    pub uvs: Vec<Vec2>,
+    /// Unit tangents with the bitangent's sign in `w`.
+    pub tangents: Vec<Vec4>,
+    /// Counter-clockwise seen from the front.
+    pub triangles: Vec<[u32; 3]>,
+    /// Index into [`Scene::materials`].
+    pub material: usize,
+}
+
+/// One placement of a mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Instance {
+    /// The node's name in the file.
+    pub name: String,
+    /// Index into [`Scene::meshes`].
+    pub mesh: usize,
+    /// Any invertible transform; mirrored ones turn the winding round.
+    pub world_from_object: Affine3A,
+    /// Instances of one node share an object number: the object id of view samples.
+    pub object: u32,
+}
+
+/// A scene as it was read: meshes, where they stand, what they are made of, and who looks at them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scene {
+    /// Meshes in object space.
+    pub meshes: Vec<Mesh>,
+    /// Where meshes stand.
+    pub instances: Vec<Instance>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// Textures.
+    pub textures: Vec<Texture>,
+    /// Cameras; an importer makes one where the file has none.
+    pub cameras: Vec<Camera>,
+    /// Lights stored in the file.
+    pub lights: LightRig,
+}

@@ -4,6 +4,7 @@ pub mod error;
 pub mod image;
 pub mod progress;
 pub mod scene;
+pub mod trace;
 
 pub use error::{Error, Result};
 pub use glam;

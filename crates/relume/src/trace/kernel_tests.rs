@@ -38,7 +38,7 @@ fn soup(count: u32) -> (Vec<Vec3>, Vec<[u32; 3]>, AlphaMasks) {
     for triangle in 0..count {
         let centre = random_point(triangle, 1);
         for corner in 0..3 {
-            positions.push(centre + 0.15 * (random_point(3 * triangle + corner, 2) - 0.5));
+            positions.push(centre + 0.2 * (random_point(3 * triangle + corner, 2) - 0.5));
         }
     }
     let triangles: Vec<_> = (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
@@ -65,7 +65,7 @@ fn soup_rays(count: u32) -> Vec<Ray> {
 
 #[test]
 fn closest_hits_equal_brute_force() {
-    let (positions, triangles, masks) = soup(3000);
+    let (positions, triangles, masks) = soup(6000);
     let accel = Accel::from_triangles(&positions, &triangles, masks.clone());
     let corners: Vec<_> = triangles.iter().map(|t| t.map(|v| positions[v as usize])).collect();
     let rays = soup_rays(2000);
@@ -94,9 +94,10 @@ fn closest_hits_equal_brute_force() {
 
 #[test]
 fn occlusion_equals_closest_hit_within_the_segment() {
-    let (positions, triangles, masks) = soup(3000);
+    let (positions, triangles, masks) = soup(6000);
     let accel = Accel::from_triangles(&positions, &triangles, masks);
-    let rays: Vec<Ray> = (0..4000).map(|i| Ray::between(random_point(i, 8), random_point(i, 9))).collect();
+    let end = |i| random_point(i, 8).lerp(random_point(i, 9), 0.25);
+    let rays: Vec<Ray> = (0..4000).map(|i| Ray::between(random_point(i, 8), end(i))).collect();
     let mut blocked = vec![false; rays.len()];
     accel.occluded_batch(&rays, &mut blocked);
     let count = blocked.iter().filter(|&&b| b).count();

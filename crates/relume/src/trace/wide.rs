@@ -59,8 +59,10 @@ impl Node {
 
     fn set_bounds(&mut self, lane: usize, min: Vec3, max: Vec3) {
         for axis in 0..3 {
-            self.bounds[axis][0][lane] = min[axis];
-            self.bounds[axis][1][lane] = max[axis];
+            // A hair of room keeps rays that run within a face, or along an axis, inside.
+            let room = 1e-6 * min[axis].abs().max(max[axis].abs()) + 1e-7;
+            self.bounds[axis][0][lane] = min[axis] - room;
+            self.bounds[axis][1][lane] = max[axis] + room;
         }
     }
 }

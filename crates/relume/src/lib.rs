@@ -4,6 +4,7 @@ pub mod error;
 pub mod image;
 pub mod progress;
 pub mod scene;
+pub mod shade;
 pub mod trace;
 
 pub use error::{Error, Result};

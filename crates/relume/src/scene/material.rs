@@ -13,6 +13,9 @@ pub struct Material {
     pub metallic: f32,
     /// Factor on perceptual roughness, `0..=1`.
     pub roughness: f32,
+    /// Scales the dielectric specular reflection (normal and grazing), `0..=1`, as the factor of
+    /// KHR_materials_specular does; 0 leaves a purely diffuse dielectric.
+    pub specular: f32,
     /// Linear: roughness in G, metallic in B.
     pub metallic_roughness_texture: Option<TextureRef>,
     /// Tangent space, +Y up.
@@ -71,6 +74,7 @@ impl Default for Material {
             base_color_texture: None,
             metallic: 0.0,
             roughness: 1.0,
+            specular: 1.0,
             metallic_roughness_texture: None,
             normal_texture: None,
             normal_scale: 1.0,

@@ -10,7 +10,7 @@ use glam::{Vec2, Vec3};
 pub fn sobol_2d(index: u32, pair: u32, seed: u32) -> Vec2 {
     const PAIRS: u32 = sobol_burley::NUM_DIMENSIONS / 2;
     const POINTS: u32 = 1 << 16;
-    let seed = hash(seed, pair / PAIRS ^ (index / POINTS).wrapping_mul(0x9e37_79b9));
+    let seed = hash(seed, (pair / PAIRS) ^ (index / POINTS).wrapping_mul(0x9e37_79b9));
     let dimension = 2 * (pair % PAIRS);
     let index = index % POINTS;
     Vec2::new(sobol_burley::sample(index, dimension, seed), sobol_burley::sample(index, dimension + 1, seed))

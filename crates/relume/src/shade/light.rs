@@ -1,0 +1,205 @@
+use std::f32::consts::TAU;
+
+use glam::{Vec2, Vec3};
+
+use crate::scene::{Light, LightKind};
+use crate::trace::sampling::tangents;
+use crate::trace::{Ray, offset_origin};
+
+/// Squared distance, m^2, below which a point light does not shine: 10 micrometres.
+const MIN_DISTANCE2: f32 = 1e-10;
+
+/// Narrowest difference of a spot's cosines: what f32 can tell apart. A narrower rim is a hard edge.
+const MIN_RIM: f64 = 1e-7;
+
+/// What arrives at a point from one sample of a light, were nothing in between.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightSample {
+    /// Unit, from the point to the light.
+    pub direction: Vec3,
+    /// Metres to the light's surface; infinite for distant lights.
+    pub distance: f32,
+    /// On a surface perpendicular to `direction`, W/m^2: intensity over squared distance times the spot factor, or
+    /// radiance times solid angle where the light has extent. No cosine, no visibility. The mean over samples of
+    /// `irradiance * cos` is the light's irradiance.
+    pub irradiance: Vec3,
+}
+
+/// A spot's cone.
+#[derive(Clone, Copy, Debug)]
+struct Cone {
+    axis: Vec3,
+    cos_outer: f32,
+    inverse_rim: f32,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Shape {
+    Local {
+        position: Vec3,
+        radius2: f32,
+        cone: Option<Cone>,
+    },
+    /// `one_minus_cos` of the half angle of the disc.
+    Distant {
+        direction: Vec3,
+        one_minus_cos: f32,
+    },
+}
+
+/// A light with all that does not depend on the point worked out: its angles cost nothing at a point.
+///
+/// - Radius 0 is a point: `intensity / r^2`.
+/// - A positive radius is a sphere of uniform radiance `intensity / (pi radius^2)`, sampled uniformly in the cone that
+///   it subtends; on a surface that faces it wholly the irradiance is exactly the point's. For points inside the
+///   sphere the light is as on the sphere's surface: half of all directions shine, at no distance.
+/// - A spot's factor is `saturate((cos t - cos outer) / (cos inner - cos outer))^2`, where `t` is the angle between its
+///   axis and the direction from its centre to the point, for all samples of a sphere alike.
+/// - A distant light with an angle is a disc of uniform radiance; a surface that faces its centre receives the irradiance.
+#[derive(Clone, Copy, Debug)]
+pub struct PreparedLight {
+    shape: Shape,
+    color: Vec3,
+}
+
+/// What arrives at `position` (metres, world space) from the light; `sample` in `[0, 1)^2` picks a point of a light
+/// with extent. `None` where nothing arrives, as outside a spot's cone. Does not ask whether the light is enabled.
+/// In loops use a [`PreparedLight`].
+pub fn sample(light: &Light, position: Vec3, sample: Vec2) -> Option<LightSample> {
+    PreparedLight::new(light).sample(position, sample)
+}
+
+/// Whether the light has extent, so that several samples make a soft shadow.
+pub fn needs_samples(light: &Light) -> bool {
+    PreparedLight::new(light).needs_samples()
+}
+
+/// The ray that asks whether `sample` reaches a surface at `position`; `normal` is the unit geometric normal on the
+/// light's side, along which the ray's origin is moved off the surface.
+pub fn shadow_ray(position: Vec3, normal: Vec3, sample: &LightSample) -> Ray {
+    let origin = offset_origin(position, normal);
+    if sample.distance == f32::INFINITY {
+        Ray::new(origin, sample.direction)
+    } else if sample.distance > 0.0 {
+        Ray::between(origin, position + sample.direction * sample.distance)
+    } else {
+        Ray { t_max: 0.0, ..Ray::new(origin, sample.direction) }
+    }
+}
+
+impl Cone {
+    fn new(axis: Vec3, inner_angle: f32, outer_angle: f32) -> Self {
+        let cos_outer = f64::from(outer_angle).to_radians().cos();
+        let rim = (f64::from(inner_angle).to_radians().cos() - cos_outer).max(MIN_RIM);
+        Self {
+            axis: axis.normalize_or(Vec3::NEG_Y),
+            cos_outer: cos_outer as f32,
+            inverse_rim: (1.0 / rim) as f32,
+        }
+    }
+
+    fn factor(&self, cos: f32) -> f32 {
+        let x = ((cos - self.cos_outer) * self.inverse_rim).clamp(0.0, 1.0);
+        x * x
+    }
+}
+
+/// A unit direction around `axis`, uniform in solid angle, and one minus its cosine with the axis; from
+/// `1 - cos` of the cone's half angle, which keeps its digits for the smallest lights.
+fn within_cone(axis: Vec3, one_minus_cos: f32, sample: Vec2) -> (Vec3, f32) {
+    let (tangent, bitangent) = tangents(axis);
+    let height = sample.x * one_minus_cos;
+    let sin = (height * (2.0 - height)).max(0.0).sqrt();
+    let (y, x) = (TAU * sample.y).sin_cos();
+    let direction = tangent * (sin * x) + bitangent * (sin * y) + axis * (1.0 - height);
+    (direction.normalize(), height)
+}
+
+impl PreparedLight {
+    /// Prepares `light`; whether it is enabled is the caller's matter.
+    pub fn new(light: &Light) -> Self {
+        let shape = match light.kind {
+            LightKind::Omni { position, radius, .. } => {
+                Shape::Local { position, radius2: radius * radius, cone: None }
+            }
+            LightKind::Spot { position, target, inner_angle, outer_angle, radius, .. } => {
+                let cone = Cone::new(target - position, inner_angle, outer_angle);
+                Shape::Local { position, radius2: radius * radius, cone: Some(cone) }
+            }
+            LightKind::Distant { direction, angle, .. } => {
+                // 1 - cos(a / 2) = 2 sin^2(a / 4)
+                let sin = (f64::from(angle).to_radians() / 4.0).sin();
+                Shape::Distant {
+                    direction: -direction.normalize_or(Vec3::NEG_Y),
+                    one_minus_cos: (2.0 * sin * sin) as f32,
+                }
+            }
+        };
+        Self { shape, color: light.color() }
+    }
+
+    /// Whether the light has extent.
+    pub fn needs_samples(&self) -> bool {
+        match self.shape {
+            Shape::Local { radius2, .. } => radius2 > 0.0,
+            Shape::Distant { one_minus_cos, .. } => one_minus_cos > 0.0,
+        }
+    }
+
+    /// See [`sample`].
+    pub fn sample(&self, position: Vec3, sample: Vec2) -> Option<LightSample> {
+        match self.shape {
+            Shape::Local { position: center, radius2, cone } => {
+                let to_center = center - position;
+                let distance2 = to_center.length_squared();
+                let reach2 = distance2.max(radius2);
+                if reach2 < MIN_DISTANCE2 {
+                    return None;
+                }
+                let distance = distance2.sqrt();
+                let axis = if distance2 > 1e-30 { to_center / distance } else { Vec3::Y };
+                let factor = cone.map_or(1.0, |cone| cone.factor(-axis.dot(cone.axis)));
+                if factor <= 0.0 {
+                    return None;
+                }
+                let intensity = self.color * factor;
+                if radius2 > 0.0 {
+                    return Some(sphere_sample(axis, distance, radius2, intensity, sample));
+                }
+                Some(LightSample { direction: axis, distance, irradiance: intensity / distance2 })
+            }
+            Shape::Distant { direction, one_minus_cos } => {
+                if one_minus_cos == 0.0 {
+                    let irradiance = self.color;
+                    return Some(LightSample { direction, distance: f32::INFINITY, irradiance });
+                }
+                // the mean cosine over the disc is (1 + cos) / 2
+                let irradiance = self.color / (1.0 - 0.5 * one_minus_cos);
+                let (direction, _) = within_cone(direction, one_minus_cos, sample);
+                Some(LightSample { direction, distance: f32::INFINITY, irradiance })
+            }
+        }
+    }
+}
+
+/// One sample of a sphere of radiance `intensity / (pi radius^2)` whose centre lies `distance` along `axis`: radiance
+/// times the solid angle `2 pi (1 - cos)` is `2 intensity / (d^2 (1 + cos))`.
+fn sphere_sample(axis: Vec3, distance: f32, radius2: f32, intensity: Vec3, sample: Vec2) -> LightSample {
+    let distance2 = (distance * distance).max(radius2);
+    let sin2_max = radius2 / distance2;
+    let cos_max = (1.0 - sin2_max).max(0.0).sqrt();
+    let (direction, height) = within_cone(axis, sin2_max / (1.0 + cos_max), sample);
+    let sin2 = height * (2.0 - height);
+    let half_chord = (radius2 - distance2 * sin2).max(0.0).sqrt();
+    let outside = distance * distance > radius2;
+    let to_surface = if outside { (distance * (1.0 - height) - half_chord).max(0.0) } else { 0.0 };
+    LightSample {
+        direction,
+        distance: to_surface,
+        irradiance: intensity * (2.0 / (distance2 * (1.0 + cos_max))),
+    }
+}
+
+#[cfg(test)]
+#[path = "light_tests.rs"]
+mod tests;

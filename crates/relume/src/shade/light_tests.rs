@@ -1,0 +1,159 @@
+//! Light models against closed forms.
+
+use std::f32::consts::PI;
+
+use glam::{DVec3, Vec3};
+
+use super::{PreparedLight, needs_samples, sample, shadow_ray};
+use crate::scene::{Light, LightKind};
+use crate::trace::sampling::sobol_2d;
+
+const SAMPLES: u32 = 1 << 12;
+
+fn light(kind: LightKind) -> Light {
+    Light { name: String::new(), enabled: true, kind }
+}
+
+fn omni(radius: f32) -> Light {
+    light(LightKind::Omni { position: Vec3::new(0.0, 2.0, 0.0), intensity: Vec3::new(1.0, 2.0, 3.0), radius })
+}
+
+fn spot(inner_angle: f32, outer_angle: f32) -> Light {
+    light(LightKind::Spot {
+        position: Vec3::ZERO,
+        target: Vec3::new(0.0, -3.0, 0.0),
+        intensity: Vec3::ONE,
+        inner_angle,
+        outer_angle,
+        radius: 0.0,
+    })
+}
+
+/// Irradiance on a surface at `position` with `normal`, without visibility.
+fn irradiance(light: &Light, position: Vec3, normal: Vec3) -> DVec3 {
+    let light = PreparedLight::new(light);
+    (0..SAMPLES)
+        .filter_map(|i| light.sample(position, sobol_2d(i, 0, 17)))
+        .map(|sample| (sample.irradiance * normal.dot(sample.direction).max(0.0)).as_dvec3())
+        .sum::<DVec3>()
+        / f64::from(SAMPLES)
+}
+
+fn close(a: DVec3, b: Vec3, tolerance: f64) -> bool {
+    (a - b.as_dvec3()).abs().max_element() <= tolerance * f64::from(b.max_element())
+}
+
+/// A spot at the origin that shines down, seen from `angle` degrees off its axis at distance 2.
+fn spot_factor(light: &Light, angle: f32) -> f32 {
+    let (sin, cos) = angle.to_radians().sin_cos();
+    let position = 2.0 * Vec3::new(sin, -cos, 0.0);
+    sample(light, position, glam::Vec2::ZERO).map_or(0.0, |sample| sample.irradiance.x * 4.0)
+}
+
+#[test]
+fn point_light_falls_off_with_the_square() {
+    let sample = sample(&omni(0.0), Vec3::new(0.0, 0.0, 1.5), glam::Vec2::splat(0.3)).unwrap();
+    assert!((sample.distance - 2.5).abs() < 1e-6);
+    assert!(sample.direction.abs_diff_eq(Vec3::new(0.0, 0.8, -0.6), 1e-6));
+    assert!(sample.irradiance.abs_diff_eq(Vec3::new(1.0, 2.0, 3.0) / 6.25, 1e-6));
+    assert!(!needs_samples(&omni(0.0)) && needs_samples(&omni(0.1)));
+}
+
+/// A sphere wholly above the horizon gives `pi L (r / d)^2 cos`: what the point in its centre gives.
+#[test]
+fn sphere_light_has_the_irradiance_of_its_centre() {
+    for radius in [1e-4, 0.1, 1.0, 1.9_f32] {
+        let radiance = Vec3::new(1.0, 2.0, 3.0) / (PI * radius * radius);
+        let expected = PI * radiance * (radius / 2.0) * (radius / 2.0);
+        let measured = irradiance(&omni(radius), Vec3::ZERO, Vec3::Y);
+        assert!(close(measured, expected, 1e-3), "{measured} is not {expected}");
+        assert!(!close(irradiance(&omni(radius), Vec3::new(0.0, -0.1, 0.0), Vec3::Y), expected, 1e-3));
+    }
+    let tilted = Vec3::new(0.6, 0.8, 0.0);
+    assert!(close(irradiance(&omni(0.5), Vec3::ZERO, tilted), 0.8 * Vec3::new(1.0, 2.0, 3.0) / 4.0, 1e-3));
+}
+
+#[test]
+fn sphere_samples_end_on_the_sphere() {
+    for i in 0..200 {
+        let position = Vec3::new(0.3, 0.0, -0.4);
+        let sample = sample(&omni(0.7), position, sobol_2d(i, 0, 2)).unwrap();
+        let end = position + sample.direction * sample.distance;
+        assert!((end.distance(Vec3::new(0.0, 2.0, 0.0)) - 0.7).abs() < 1e-3);
+        assert!(sample.distance < 2.05, "the near side");
+    }
+}
+
+#[test]
+fn points_in_or_at_a_light_stay_finite() {
+    let center = Vec3::new(0.0, 2.0, 0.0);
+    let nearby = [Vec3::ZERO, Vec3::X * 1e-20, Vec3::X * 1e-6, Vec3::Y * 0.3, Vec3::X * 0.5];
+    for (radius, offset) in [0.0, 1e-6, 0.5].into_iter().flat_map(|r| nearby.map(|offset| (r, offset))) {
+        let hard_spot = light(LightKind::Spot {
+            position: center,
+            target: Vec3::ZERO,
+            intensity: Vec3::ONE,
+            inner_angle: 0.0,
+            outer_angle: 90.0,
+            radius,
+        });
+        for light in [omni(radius), hard_spot] {
+            for i in 0..20 {
+                if let Some(sample) = sample(&light, center + offset, sobol_2d(i, 0, 4)) {
+                    assert!(sample.irradiance.is_finite() && sample.direction.is_normalized(), "{sample:?}");
+                    assert!(sample.distance.is_finite());
+                    let ray = shadow_ray(center + offset, Vec3::Y, &sample);
+                    assert!(ray.direction.is_finite() && ray.origin.is_finite());
+                }
+            }
+        }
+    }
+    // no cliff at the sphere's surface
+    let at = |r: f32| irradiance(&omni(0.5), center - Vec3::Y * r, Vec3::Y);
+    assert!(at(0.501).abs_diff_eq(at(0.499), 0.1 * at(0.499).max_element()));
+}
+
+#[test]
+fn spot_follows_the_formula() {
+    let light = spot(20.0, 40.0);
+    let expected = |angle: f32| {
+        let cos = |degrees: f32| degrees.to_radians().cos();
+        ((cos(angle) - cos(40.0)) / (cos(20.0) - cos(40.0))).clamp(0.0, 1.0).powi(2)
+    };
+    for angle in [0.0, 10.0, 19.9, 25.0, 30.0, 39.0, 41.0, 120.0] {
+        let factor = spot_factor(&light, angle);
+        assert!((factor - expected(angle)).abs() < 1e-4, "{factor} at {angle}");
+    }
+    assert!((spot_factor(&light, 30.0) - expected(31.0)).abs() > 1e-2, "a degree must be noticed");
+}
+
+#[test]
+fn spot_without_rim_is_a_hard_edge() {
+    for angle in [0.5, 30.0, 90.0] {
+        let light = spot(angle, angle);
+        assert!((spot_factor(&light, angle * 0.99) - 1.0).abs() < 1e-5);
+        assert_eq!(spot_factor(&light, angle * 1.01), 0.0);
+        assert!(spot_factor(&light, angle).is_finite());
+    }
+    assert!(spot_factor(&spot(0.0, 0.0), 0.0).is_finite());
+}
+
+#[test]
+fn distant_disc_keeps_the_irradiance() {
+    let direction = Vec3::new(0.0, -3.0, 4.0);
+    let normal = -direction.normalize();
+    for angle in [0.0, 0.5, 20.0, 180.0] {
+        let color = Vec3::new(3.0, 2.0, 1.0);
+        let light = light(LightKind::Distant { direction, irradiance: color, angle });
+        let measured = irradiance(&light, Vec3::splat(7.0), normal);
+        assert!(close(measured, color, 1e-3), "{measured} with {angle} degrees");
+        assert!(!close(irradiance(&light, Vec3::ZERO, Vec3::Y), color, 1e-3), "the cosine must be noticed");
+        let half = (0.5 * angle).to_radians();
+        for i in 0..100 {
+            let sample = sample(&light, Vec3::ZERO, sobol_2d(i, 0, 5)).unwrap();
+            assert!(sample.distance.is_infinite());
+            assert!(sample.direction.angle_between(normal) <= half + 1e-3);
+        }
+        assert_eq!(needs_samples(&light), angle > 0.0);
+    }
+}

@@ -3,11 +3,16 @@
 pub mod error;
 pub mod image;
 pub mod progress;
+pub mod relight;
+pub mod sample;
 pub mod scene;
 pub mod shade;
 pub mod trace;
+pub mod transfer;
 
 pub use error::{Error, Result};
 pub use glam;
 pub use progress::Progress;
+pub use relight::Relighter;
 pub use scene::{Camera, Light, LightKind, LightRig, Scene};
+pub use transfer::{Preparation, Transfer};

@@ -1,0 +1,173 @@
+//! Direct light on the gather cloud.
+//!
+//! All sub-samples of a patch are shaded without shadow (cone, cosine, albedo); visibility is asked for once a patch
+//! and, where neighbours in the cluster tree disagree, or the patch is only partly lit, once for each quarter of the
+//! patch. A light with extent always takes the four rays, each towards its own point of the light.
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::{GatherCloud, SUB_SAMPLES, SubSample};
+use crate::scene::Light;
+use crate::shade::{self, PreparedLight};
+use crate::trace::sampling::{hash, sobol_2d};
+use crate::trace::{Accel, Ray};
+
+/// Sub-samples that share one shadow ray after refinement.
+const QUARTER: usize = SUB_SAMPLES / 4;
+/// Patches whose visibility is compared: siblings in the cluster tree.
+const NEIGHBOURS: usize = 16;
+/// Patches that one task shades.
+const CHUNK: usize = 1024;
+
+/// One light's direct light on the cloud.
+#[derive(Clone, Debug, Default)]
+pub struct CloudLight {
+    /// Diffuse outgoing radiance of each gather sample, W/(sr m^2), without emission.
+    pub radiance: Vec<Vec3>,
+    /// Shadow rays spent.
+    pub shadow_rays: u64,
+}
+
+/// The direct light of `light` on every gather sample: `albedo / pi * irradiance`, averaged over each patch.
+pub fn illuminate(cloud: &GatherCloud, accel: &Accel, light: &Light) -> CloudLight {
+    let prepared = PreparedLight::new(light);
+    let chunks: Vec<(Vec<Vec3>, u64)> = (0..cloud.len())
+        .into_par_iter()
+        .step_by(CHUNK)
+        .map(|first| {
+            let last = (first + CHUNK).min(cloud.len());
+            Chunk::new(cloud, accel, &prepared, first, last).run()
+        })
+        .collect();
+    let mut result = CloudLight { radiance: Vec::with_capacity(cloud.len()), shadow_rays: 0 };
+    for (radiance, rays) in chunks {
+        result.radiance.extend(radiance);
+        result.shadow_rays += rays;
+    }
+    result
+}
+
+struct Chunk<'a> {
+    accel: &'a Accel,
+    light: &'a PreparedLight,
+    first: usize,
+    sub_samples: &'a [SubSample],
+    /// Outgoing radiance of each quarter of each patch without shadow.
+    quarters: Vec<[Vec3; 4]>,
+    rays: u64,
+}
+
+impl<'a> Chunk<'a> {
+    fn new(
+        cloud: &'a GatherCloud,
+        accel: &'a Accel,
+        light: &'a PreparedLight,
+        first: usize,
+        last: usize,
+    ) -> Self {
+        let sub_samples = &cloud.sub_samples[first * SUB_SAMPLES..last * SUB_SAMPLES];
+        let quarters = sub_samples
+            .chunks_exact(SUB_SAMPLES)
+            .map(|patch| {
+                std::array::from_fn(|quarter| {
+                    let part = &patch[quarter * QUARTER..(quarter + 1) * QUARTER];
+                    part.iter().map(|sub| unshadowed(light, sub)).sum::<Vec3>() / SUB_SAMPLES as f32
+                })
+            })
+            .collect();
+        Self { accel, light, first, sub_samples, quarters, rays: 0 }
+    }
+
+    fn run(mut self) -> (Vec<Vec3>, u64) {
+        let mut radiance = vec![Vec3::ZERO; self.quarters.len()];
+        let lit: Vec<usize> =
+            (0..self.quarters.len()).filter(|&p| self.quarters[p].iter().any(|q| *q != Vec3::ZERO)).collect();
+        let refined: Vec<usize> = if self.light.needs_samples() {
+            lit
+        } else {
+            let (visible, blocked) = self.first_rays(&lit);
+            let mut refined = Vec::new();
+            for &patch in &lit {
+                let group = patch / NEIGHBOURS;
+                let partly = self.quarters[patch].contains(&Vec3::ZERO);
+                if partly || (visible[group] && blocked[group].0) {
+                    refined.push(patch);
+                } else if !blocked[group].1.contains(&patch) {
+                    radiance[patch] = self.quarters[patch].iter().sum();
+                }
+            }
+            refined
+        };
+        self.quarter_rays(&refined, &mut radiance);
+        (radiance, self.rays)
+    }
+
+    /// One ray a patch. For each group of neighbours: whether any is visible; whether any is not, and which.
+    #[expect(clippy::type_complexity, reason = "a pair of per-group answers that only `run` reads")]
+    fn first_rays(&mut self, lit: &[usize]) -> (Vec<bool>, Vec<(bool, Vec<usize>)>) {
+        let rays: Vec<Ray> = lit.iter().map(|&patch| self.ray(patch, brightest(&self.quarters[patch]), 0)).collect();
+        let mut hidden = vec![false; rays.len()];
+        self.accel.occluded_batch(&rays, &mut hidden);
+        self.rays += rays.len() as u64;
+        let groups = self.quarters.len().div_ceil(NEIGHBOURS);
+        let (mut visible, mut blocked) = (vec![false; groups], vec![(false, Vec::new()); groups]);
+        for (&patch, &hidden) in lit.iter().zip(&hidden) {
+            let group = patch / NEIGHBOURS;
+            if hidden {
+                blocked[group].0 = true;
+                blocked[group].1.push(patch);
+            } else {
+                visible[group] = true;
+            }
+        }
+        (visible, blocked)
+    }
+
+    /// A ray for each lit quarter of each of `patches`.
+    fn quarter_rays(&mut self, patches: &[usize], radiance: &mut [Vec3]) {
+        let lit: Vec<(usize, usize)> = patches
+            .iter()
+            .flat_map(|&patch| (0..4).map(move |quarter| (patch, quarter)))
+            .filter(|&(patch, quarter)| self.quarters[patch][quarter] != Vec3::ZERO)
+            .collect();
+        let rays: Vec<Ray> = lit.iter().map(|&(patch, quarter)| self.ray(patch, quarter, 1)).collect();
+        let mut hidden = vec![false; rays.len()];
+        self.accel.occluded_batch(&rays, &mut hidden);
+        self.rays += rays.len() as u64;
+        for (&(patch, quarter), _) in lit.iter().zip(&hidden).filter(|&(_, &hidden)| !hidden) {
+            radiance[patch] += self.quarters[patch][quarter];
+        }
+    }
+
+    /// A shadow ray from a lit sub-sample of a quarter of a patch.
+    fn ray(&self, patch: usize, quarter: usize, which: usize) -> Ray {
+        let start = patch * SUB_SAMPLES + quarter * QUARTER;
+        let part = &self.sub_samples[start..start + QUARTER];
+        let place = (0..QUARTER)
+            .map(|step| (which + step) % QUARTER)
+            .find(|&place| unshadowed(self.light, &part[place]) != Vec3::ZERO)
+            .unwrap_or(0);
+        let sub = &part[place];
+        let seed = hash((self.first + patch) as u32, 0x11_6847);
+        let random = if self.light.needs_samples() { sobol_2d(quarter as u32, 0, seed) } else { Vec2::ZERO };
+        match self.light.sample(sub.position, random) {
+            Some(sample) => shade::shadow_ray(sub.position, sub.normal.get(), &sample),
+            None => Ray { t_max: 0.0, ..Ray::new(sub.position, Vec3::Y) },
+        }
+    }
+}
+
+/// The quarter that matters most.
+fn brightest(quarters: &[Vec3; 4]) -> usize {
+    (0..4).fold(0, |best, q| if quarters[q].element_sum() > quarters[best].element_sum() { q } else { best })
+}
+
+fn unshadowed(light: &PreparedLight, sub: &SubSample) -> Vec3 {
+    let Some(sample) = light.sample(sub.position, Vec2::splat(0.5)) else { return Vec3::ZERO };
+    let cos = sub.normal.get().dot(sample.direction);
+    if cos <= 0.0 {
+        return Vec3::ZERO;
+    }
+    sub.albedo.get() * sample.irradiance * (cos * std::f32::consts::FRAC_1_PI)
+}

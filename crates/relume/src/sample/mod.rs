@@ -1,0 +1,14 @@
+//! What is lit: view samples (what the camera sees) and the gather cloud (what can light it).
+
+mod cells;
+mod cloud;
+mod illumination;
+mod packed;
+mod reach;
+mod tree;
+mod view;
+
+pub use cloud::{CellMap, GatherCloud, GatherSample, SUB_SAMPLES, SubSample};
+pub use illumination::{CloudLight, illuminate};
+pub use packed::{PackedNormal, PackedUnit};
+pub use view::{ViewSample, ViewSamples, edge_pixels};

@@ -1,0 +1,146 @@
+//! The cluster tree: a perfectly balanced quad-tree by equal-split k-means (Hasan 2006, section 4.2).
+//!
+//! The tree is nothing but an order of the samples: every run of `4^j` samples that starts at a multiple of `4^j` is
+//! a cluster, and the order is at once the Morton order of the flattened `2^k x 2^k` gather image.
+
+use glam::Vec3;
+
+/// Where a sample lies for the tree: position and normal scaled as in eq. 9, so that the squared distance of two
+/// keys is `K^2 |dp|^2 + d^2 |dn|^2`.
+pub(super) type Key = [f32; 6];
+
+/// Weight of positions in eq. 9; the paper found 20 to 40 good.
+const POSITION_WEIGHT: f32 = 30.0;
+/// Rounds of k-means a split may take; it mostly settles in fewer.
+const ROUNDS: usize = 12;
+
+/// The key of a sample in a scene whose bounding box has a diagonal of `diagonal` metres.
+pub(super) fn key(position: Vec3, normal: Vec3, diagonal: f32) -> Key {
+    let (p, n) = (position * POSITION_WEIGHT, normal * diagonal);
+    [p.x, p.y, p.z, n.x, n.y, n.z]
+}
+
+/// Metres that weigh as much as a difference of one between unit normals.
+pub(super) fn normal_scale(diagonal: f32) -> f32 {
+    diagonal / POSITION_WEIGHT
+}
+
+/// The samples' numbers in tree order.
+pub(super) fn order(keys: &[Key]) -> Vec<u32> {
+    let mut order: Vec<u32> = (0..keys.len() as u32).collect();
+    split(keys, &mut order);
+    order
+}
+
+fn split(keys: &[Key], part: &mut [u32]) {
+    if part.len() <= 1 {
+        return;
+    }
+    halve(keys, part);
+    let (near, far) = part.split_at_mut(part.len() / 2);
+    if near.len() > 1024 {
+        rayon::join(|| split(keys, near), || split(keys, far));
+    } else {
+        split(keys, near);
+        split(keys, far);
+    }
+}
+
+fn mean(keys: &[Key], part: &[u32]) -> [f64; 6] {
+    let mut sum = [0.0; 6];
+    for &sample in part {
+        for (sum, value) in sum.iter_mut().zip(keys[sample as usize]) {
+            *sum += f64::from(value);
+        }
+    }
+    sum.map(|sum| sum / part.len() as f64)
+}
+
+/// Parts the samples into two equal halves, each as alike as possible.
+fn halve(keys: &[Key], part: &mut [u32]) {
+    let middle = part.len() / 2;
+    let mut axis = widest_axis(keys, part);
+    let mut scored: Vec<(f32, u32)> = Vec::with_capacity(part.len());
+    for _ in 0..ROUNDS {
+        // d(s, c1) - d(s, c2) is linear in s: sorting by it is sorting along the line between the centroids.
+        scored.clear();
+        scored.extend(part.iter().map(|&sample| {
+            let key = &keys[sample as usize];
+            let along: f64 = key.iter().zip(&axis).map(|(&k, a)| f64::from(k) * a).sum();
+            (along as f32, sample)
+        }));
+        scored.select_nth_unstable_by(middle, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        for (place, &(_, sample)) in part.iter_mut().zip(&scored) {
+            *place = sample;
+        }
+        let (near, far) = (mean(keys, &part[..middle]), mean(keys, &part[middle..]));
+        let next: [f64; 6] = std::array::from_fn(|i| far[i] - near[i]);
+        if cosine(&next, &axis) > 0.999_999 {
+            break;
+        }
+        axis = next;
+    }
+    // the order within a half must not depend on how the selection left it
+    part[..middle].sort_unstable();
+    part[middle..].sort_unstable();
+}
+
+fn cosine(a: &[f64; 6], b: &[f64; 6]) -> f64 {
+    let dot = |a: &[f64; 6], b: &[f64; 6]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    dot(a, b) / (dot(a, a) * dot(b, b)).sqrt().max(1e-300)
+}
+
+fn widest_axis(keys: &[Key], part: &[u32]) -> [f64; 6] {
+    let center = mean(keys, part);
+    let mut variance = [0.0; 6];
+    for &sample in part {
+        for axis in 0..6 {
+            variance[axis] += (f64::from(keys[sample as usize][axis]) - center[axis]).powi(2);
+        }
+    }
+    let widest = (0..6).fold(0, |best, axis| if variance[axis] > variance[best] { axis } else { best });
+    std::array::from_fn(|axis| if axis == widest { 1.0 } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trace::sampling::{hash, unit};
+
+    fn random_keys(count: u32) -> Vec<Key> {
+        (0..count).map(|i| std::array::from_fn(|axis| unit(hash(6 * i + axis as u32, 5)))).collect()
+    }
+
+    /// Mean squared distance of the samples of each cluster of `size` to the cluster's mean.
+    fn spread(keys: &[Key], order: &[u32], size: usize) -> f64 {
+        let square = |part: &[u32]| {
+            let center = mean(keys, part);
+            part.iter()
+                .map(|&s| (0..6).map(|a| (f64::from(keys[s as usize][a]) - center[a]).powi(2)).sum::<f64>())
+                .sum::<f64>()
+        };
+        order.chunks(size).map(square).sum::<f64>() / order.len() as f64
+    }
+
+    #[test]
+    fn the_order_is_a_permutation_that_keeps_like_samples_together() {
+        let keys = random_keys(4096);
+        let order = order(&keys);
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        assert!(sorted.iter().enumerate().all(|(i, &s)| s == i as u32));
+        let unordered: Vec<u32> = (0..4096).collect();
+        let (tree, chance) = (spread(&keys, &order, 64), spread(&keys, &unordered, 64));
+        assert!(tree < 0.35 * chance, "clusters of 64 spread {tree}, chance gives {chance}");
+    }
+
+    #[test]
+    fn two_distant_clumps_are_parted() {
+        let mut keys = random_keys(64);
+        for key in &mut keys[..32] {
+            key[4] += 100.0;
+        }
+        let order = order(&keys);
+        assert!(order[..32].iter().all(|&s| s < 32) || order[..32].iter().all(|&s| s >= 32));
+    }
+}

@@ -1,0 +1,81 @@
+//! Matrix products, by a library's kernels that choose their instruction set at run time.
+
+/// A matrix in a slice: element (i, j) stands at `i * row_stride + j * column_stride`.
+#[derive(Clone, Copy)]
+pub(super) struct View<'a> {
+    values: &'a [f32],
+    rows: usize,
+    columns: usize,
+    row_stride: usize,
+    column_stride: usize,
+}
+
+impl<'a> View<'a> {
+    /// `rows x columns`, row after row.
+    pub(super) fn new(values: &'a [f32], rows: usize, columns: usize) -> Self {
+        assert_eq!(values.len(), rows * columns, "a {rows} x {columns} matrix");
+        Self { values, rows, columns, row_stride: columns, column_stride: 1 }
+    }
+
+    /// The same values, rows and columns exchanged.
+    pub(super) fn transposed(self) -> Self {
+        Self {
+            rows: self.columns,
+            columns: self.rows,
+            row_stride: self.column_stride,
+            column_stride: self.row_stride,
+            ..self
+        }
+    }
+}
+
+/// `a b`, row after row.
+pub(super) fn product(a: View<'_>, b: View<'_>) -> Vec<f32> {
+    assert_eq!(a.columns, b.rows, "inner dimensions");
+    let mut out = vec![0.0; a.rows * b.columns];
+    if out.is_empty() || a.columns == 0 {
+        return out;
+    }
+    // SAFETY: `View::new` has checked that every element (i, j) of both operands, transposed or not, lies within its
+    // slice; `out` has a.rows * b.columns elements and is read and written only as such a matrix, row after row.
+    #[expect(unsafe_code, reason = "the library takes pointers")]
+    unsafe {
+        matrixmultiply::sgemm(
+            a.rows,
+            a.columns,
+            b.columns,
+            1.0,
+            a.values.as_ptr(),
+            a.row_stride as isize,
+            a.column_stride as isize,
+            b.values.as_ptr(),
+            b.row_stride as isize,
+            b.column_stride as isize,
+            0.0,
+            out.as_mut_ptr(),
+            b.columns as isize,
+            1,
+        );
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_equal_the_definition_transposed_or_not() {
+        let a: Vec<f32> = (0..6).map(|i| i as f32).collect(); // 2 x 3
+        let b: Vec<f32> = (0..6).map(|i| (i * i) as f32).collect(); // 3 x 2
+        let ab = product(View::new(&a, 2, 3), View::new(&b, 3, 2));
+        for i in 0..2 {
+            for j in 0..2 {
+                let expected: f32 = (0..3).map(|k| a[3 * i + k] * b[2 * k + j]).sum();
+                assert_eq!(ab[2 * i + j], expected);
+            }
+        }
+        let ba = product(View::new(&b, 3, 2).transposed(), View::new(&a, 2, 3).transposed());
+        assert_eq!(ba[1], ab[2], "(A B)^T = B^T A^T");
+    }
+}

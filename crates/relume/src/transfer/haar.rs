@@ -1,0 +1,140 @@
+//! The orthonormal 2D Haar basis on the flattened gather image (Hasan 2006, section 3.4).
+//!
+//! Samples come in Morton order, so that the four pixels of every 2x2 block follow each other and a level of the
+//! transform reads straight through memory. Coefficients are ordered from coarse to fine: the scaling coefficient,
+//! then for each level of `4^j` blocks their `4^j` horizontal, `4^j` vertical and `4^j` diagonal details.
+
+use multiversion::multiversion;
+
+/// Replaces `values` (`4^k` of them, Morton order) by their Haar coefficients. `scratch` is as long.
+///
+/// # Panics
+/// If the lengths differ or are no power of four.
+pub fn forward(values: &mut [f32], scratch: &mut [f32]) {
+    check(values, scratch);
+    let mut count = values.len();
+    while count > 1 {
+        analyse(&values[..count], &mut scratch[..count]);
+        values[..count].copy_from_slice(&scratch[..count]);
+        count /= 4;
+    }
+}
+
+/// The inverse of [`forward`].
+///
+/// # Panics
+/// As [`forward`].
+pub fn inverse(coefficients: &mut [f32], scratch: &mut [f32]) {
+    check(coefficients, scratch);
+    let mut count = 4;
+    while count <= coefficients.len() {
+        synthesise(&coefficients[..count], &mut scratch[..count]);
+        coefficients[..count].copy_from_slice(&scratch[..count]);
+        count *= 4;
+    }
+}
+
+fn check(values: &[f32], scratch: &[f32]) {
+    let power_of_four = values.len().is_power_of_two() && values.len().trailing_zeros().is_multiple_of(2);
+    assert!(power_of_four && scratch.len() == values.len(), "{} values, {} scratch", values.len(), scratch.len());
+}
+
+/// The level of a coefficient in a transform of any size: 0 for the scaling coefficient and the coarsest details,
+/// `j` for the details of `4^j` blocks.
+pub fn level(coefficient: usize) -> usize {
+    (coefficient.max(1).ilog2() / 2) as usize
+}
+
+/// How many samples the coefficient's basis function covers in a transform of `count` samples.
+pub fn support(coefficient: usize, count: usize) -> usize {
+    count >> (2 * level(coefficient))
+}
+
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn analyse(values: &[f32], out: &mut [f32]) {
+    let quarter = values.len() / 4;
+    let (sums, details) = out.split_at_mut(quarter);
+    let (horizontal, details) = details.split_at_mut(quarter);
+    let (vertical, diagonal) = details.split_at_mut(quarter);
+    for (i, block) in values.chunks_exact(4).enumerate() {
+        let (top, bottom) = (block[0] + block[1], block[2] + block[3]);
+        let (left, right) = (block[0] - block[1], block[2] - block[3]);
+        sums[i] = 0.5 * (top + bottom);
+        horizontal[i] = 0.5 * (left + right);
+        vertical[i] = 0.5 * (top - bottom);
+        diagonal[i] = 0.5 * (left - right);
+    }
+}
+
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn synthesise(coefficients: &[f32], out: &mut [f32]) {
+    let quarter = coefficients.len() / 4;
+    let (sums, details) = coefficients.split_at(quarter);
+    let (horizontal, details) = details.split_at(quarter);
+    let (vertical, diagonal) = details.split_at(quarter);
+    for (i, block) in out.chunks_exact_mut(4).enumerate() {
+        let (top, bottom) = (sums[i] + vertical[i], sums[i] - vertical[i]);
+        let (left, right) = (horizontal[i] + diagonal[i], horizontal[i] - diagonal[i]);
+        block[0] = 0.5 * (top + left);
+        block[1] = 0.5 * (top - left);
+        block[2] = 0.5 * (bottom + right);
+        block[3] = 0.5 * (bottom - right);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trace::sampling::{hash, unit};
+
+    fn noise(count: usize) -> Vec<f32> {
+        (0..count as u32).map(|i| unit(hash(i, 3)) - 0.4).collect()
+    }
+
+    fn norm(values: &[f32]) -> f64 {
+        values.iter().map(|&v| f64::from(v).powi(2)).sum::<f64>().sqrt()
+    }
+
+    #[test]
+    fn norms_are_kept_and_the_inverse_returns_the_input() {
+        for count in [1, 4, 16, 1024, 65_536] {
+            let values = noise(count);
+            let (mut work, mut scratch) = (values.clone(), vec![0.0; count]);
+            forward(&mut work, &mut scratch);
+            assert!((norm(&work) / norm(&values) - 1.0).abs() < 1e-5, "{count}");
+            inverse(&mut work, &mut scratch);
+            let unlike: Vec<f32> = work.iter().zip(&values).map(|(a, b)| a - b).collect();
+            assert!(norm(&unlike) < 1e-5 * norm(&values), "{count}");
+        }
+    }
+
+    #[test]
+    fn the_basis_is_orthonormal() {
+        let count = 64;
+        let mut scratch = vec![0.0; count];
+        let basis: Vec<Vec<f32>> = (0..count)
+            .map(|i| {
+                let mut function = vec![0.0; count];
+                function[i] = 1.0;
+                inverse(&mut function, &mut scratch);
+                function
+            })
+            .collect();
+        for (i, a) in basis.iter().enumerate() {
+            for (j, b) in basis.iter().enumerate() {
+                let dot: f32 = a.iter().zip(b).map(|(a, b)| a * b).sum();
+                let expected = if i == j { 1.0 } else { 0.0 };
+                assert!((dot - expected).abs() < 1e-6, "functions {i} and {j}: {dot}");
+            }
+            let covered = a.iter().filter(|v| v.abs() > 1e-7).count();
+            assert_eq!(covered, support(i, count), "function {i}");
+        }
+    }
+
+    #[test]
+    fn a_constant_has_one_coefficient() {
+        let (mut values, mut scratch) = (vec![2.0; 256], vec![0.0; 256]);
+        forward(&mut values, &mut scratch);
+        assert!((values[0] - 32.0).abs() < 1e-4 && values[1..].iter().all(|v| v.abs() < 1e-6));
+    }
+}

@@ -1,0 +1,86 @@
+//! Direct-to-indirect transfer: what is prepared once and applied for every change of light.
+//!
+//! [`Preparation`] turns a scene into a [`Transfer`]: view samples, the gather cloud, and two operators, one from the
+//! cloud to the view samples and one from the cloud to itself. [`Transfer::save`] and [`Transfer::load`] keep it in a
+//! file.
+
+mod blocks;
+mod bounces;
+mod buffer;
+mod cache;
+mod coefficients;
+mod compute;
+mod form_factors;
+mod gemm;
+pub mod haar;
+pub mod haar_rows;
+pub mod low_rank;
+mod occluders;
+mod operator;
+mod paper_rows;
+mod preparation;
+mod prior;
+mod rows;
+
+pub use bounces::gather_bounces;
+pub use buffer::Buffer;
+pub use cache::FORMAT_VERSION;
+pub use coefficients::Coefficients;
+pub use occluders::Occluders;
+pub use operator::{Encoding, Matrix, Operator};
+pub use preparation::{Preparation, Quality, RowMethod, Settings};
+
+use crate::sample::{GatherCloud, ViewSamples};
+
+/// A prepared shot: all that relighting needs, and nothing of the scene file.
+#[derive(Clone, Debug)]
+pub struct Transfer {
+    /// How it was prepared, and what that took.
+    pub report: Report,
+    /// What the camera sees.
+    pub view: ViewSamples,
+    /// What can light it.
+    pub cloud: GatherCloud,
+    /// `F_d`: from light on the cloud to the view samples. One row a lit pixel, in the order of `pixels`.
+    pub gather: Operator,
+    /// From light on the cloud to the cloud itself; albedo is applied outside. One row a gather sample.
+    pub bounce: Operator,
+    /// The pixel of each row of `gather`.
+    pub pixels: Buffer<u32>,
+    /// What casts shadows.
+    pub occluders: Occluders,
+}
+
+/// How a transfer was made.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Report {
+    /// Settings it was prepared with.
+    pub settings: Settings,
+    /// Name of the scene's file, without its folder, as the caller gave it.
+    pub scene: String,
+    /// Names of the scene's materials, by number.
+    pub materials: Vec<String>,
+    /// xxh3 hash of all that was read of the scene: geometry, materials, textures, camera.
+    pub scene_hash: String,
+    /// Triangles.
+    pub triangles: u64,
+    /// Wall-clock seconds that preparation took.
+    pub seconds: f64,
+    /// The same by stage, in order.
+    pub stages: Vec<(String, f64)>,
+    /// Visibility and hemisphere rays of the final gather, a lit pixel.
+    pub rays_per_pixel: f64,
+    /// The same of the bounces, a gather sample.
+    pub rays_per_gather_sample: f64,
+    /// Expected relative error of the final gather's encoding alone.
+    pub gather_error: f64,
+    /// The same of the bounces' encoding.
+    pub bounce_error: f64,
+}
+
+impl Transfer {
+    /// Bytes of both operators a pixel of the image.
+    pub fn bytes_per_pixel(&self) -> f64 {
+        (self.gather.bytes() + self.bounce.bytes()) as f64 / self.view.pixels().max(1) as f64
+    }
+}

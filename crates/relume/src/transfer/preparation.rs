@@ -1,0 +1,386 @@
+//! From a scene to a transfer.
+
+use std::time::Instant;
+
+use glam::Vec3;
+use xxhash_rust::xxh3::Xxh3;
+
+use super::compute::{self, Computed, Encoder, RowEstimator};
+use super::form_factors::Patches;
+use super::low_rank::LowRankSettings;
+use super::paper_rows::{ClusterBounds, PaperRows};
+use super::rows::{RowSettings, RowSource};
+use super::{Encoding, Occluders, Operator, Report, Transfer, blocks, prior};
+use crate::progress::Progress;
+use crate::sample::{CellMap, GatherCloud, ViewSamples};
+use crate::scene::{Camera, Geometry, Scene};
+use crate::trace::Accel;
+use crate::{Error, Result};
+
+/// How much time and space to spend.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Quality {
+    /// For a first look: a fifth of the time.
+    Draft,
+    /// For lighting.
+    #[default]
+    Standard,
+    /// For the last picture: three times the time.
+    Final,
+}
+
+/// How rows of the final gather are estimated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RowMethod {
+    /// Hemisphere rays and form factors, balanced, with shared visibility; the default.
+    #[default]
+    Balanced,
+    /// The paper's cluster cut with clamped entries, for comparison.
+    Paper,
+}
+
+/// What a transfer is prepared with.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Settings {
+    /// Pixels: width and height, 1 to 16,384 each.
+    pub size: (usize, usize),
+    /// Index into the scene's cameras.
+    pub camera: usize,
+    /// Gather samples: a power of four. More resolve light finer, for proportionally more time.
+    pub gather: usize,
+    /// Time and space to spend.
+    pub quality: Quality,
+    /// How operators are stored.
+    pub encoding: Encoding,
+    /// How rows are estimated.
+    pub rows: RowMethod,
+    /// Coefficients a row of `haar-rows`; the paper keeps 100.
+    pub coefficients: usize,
+    /// Of all random numbers.
+    pub seed: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            size: (640, 480),
+            camera: 0,
+            gather: 65_536,
+            quality: Quality::Standard,
+            encoding: Encoding::LowRank,
+            rows: RowMethod::Balanced,
+            coefficients: 100,
+            seed: 0,
+        }
+    }
+}
+
+/// What [`Quality`] stands for.
+struct Effort {
+    gather_rows: RowSettings,
+    bounce_rows: RowSettings,
+    gather_encoding: LowRankSettings,
+    bounce_encoding: LowRankSettings,
+    /// Edge of a pixel block: a power of two.
+    block_edge: usize,
+    training_lights: usize,
+}
+
+/// Gather samples that share a basis of the bounce operator.
+const BOUNCE_BLOCK: usize = 256;
+/// Opening threshold of the paper's cluster cut, squared size over squared distance.
+const PAPER_THRESHOLD: f32 = 0.01;
+/// Coefficients a row of the paper's multi-bounce matrix, as a share of the final gather's: 40 of 100.
+const PAPER_BOUNCE_SHARE: f64 = 0.4;
+
+impl Quality {
+    fn effort(self) -> Effort {
+        let rows = |hemisphere_rays, probes, faint| RowSettings { hemisphere_rays, probes, faint };
+        let low_rank = |rank, kept| LowRankSettings { rank, kept };
+        match self {
+            Self::Draft => Effort {
+                gather_rows: rows(64, 2, 2e-3),
+                bounce_rows: rows(64, 2, 2e-3),
+                gather_encoding: low_rank(10, 2048),
+                bounce_encoding: low_rank(8, 1024),
+                block_edge: 32,
+                training_lights: 64,
+            },
+            Self::Standard => Effort {
+                gather_rows: rows(192, 4, 1e-4),
+                bounce_rows: rows(96, 3, 1e-3),
+                gather_encoding: low_rank(16, 4096),
+                bounce_encoding: low_rank(12, 1024),
+                block_edge: 32,
+                training_lights: 192,
+            },
+            Self::Final => Effort {
+                gather_rows: rows(512, 6, 2e-5),
+                bounce_rows: rows(192, 4, 2e-4),
+                gather_encoding: low_rank(24, 8192),
+                bounce_encoding: low_rank(16, 2048),
+                block_edge: 32,
+                training_lights: 384,
+            },
+        }
+    }
+}
+
+/// A preparation that is about to run: the scene and how to prepare it.
+#[derive(Clone, Debug)]
+pub struct Preparation<'a> {
+    scene: &'a Scene,
+    name: String,
+    settings: Settings,
+}
+
+impl<'a> Preparation<'a> {
+    /// Prepares `scene` with the default settings, unless told otherwise.
+    pub fn new(scene: &'a Scene) -> Self {
+        Self { scene, name: String::new(), settings: Settings::default() }
+    }
+
+    /// The name to keep in the report, as the file's.
+    #[must_use]
+    pub fn name(mut self, name: impl Into<String>) -> Self {
+        self.name = name.into();
+        self
+    }
+
+    /// All settings at once.
+    #[must_use]
+    pub fn settings(mut self, settings: Settings) -> Self {
+        self.settings = settings;
+        self
+    }
+
+    /// Width and height in pixels.
+    #[must_use]
+    pub fn size(mut self, width: usize, height: usize) -> Self {
+        self.settings.size = (width, height);
+        self
+    }
+
+    /// Gather samples, a power of four.
+    #[must_use]
+    pub fn gather(mut self, count: usize) -> Self {
+        self.settings.gather = count;
+        self
+    }
+
+    /// Time and space to spend.
+    #[must_use]
+    pub fn quality(mut self, quality: Quality) -> Self {
+        self.settings.quality = quality;
+        self
+    }
+
+    /// Does it, on the current rayon thread pool. The result does not depend on the number of threads.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for settings out of range and scenes with nothing to relight; [`Error::Cancelled`].
+    pub fn run(self, progress: &dyn Progress) -> Result<Transfer> {
+        let camera = self.check()?.clone();
+        let began = Instant::now();
+        let stages = Stages::new(progress);
+        let geometry = Geometry::new(self.scene);
+        progress.stage("acceleration structure", 1);
+        let accel = Accel::new(self.scene, &geometry);
+        let shot = Shot { scene: self.scene, geometry: &geometry, accel: &accel, settings: &self.settings };
+        let (view, cloud, map) = shot.samples(&camera, &stages)?;
+        let (gather, bounce, pixels) = shot.operators(&view, &cloud, &map, &stages)?;
+        let settings = &self.settings;
+        let lit = pixels.len().max(1) as f64;
+        let report = Report {
+            settings: settings.clone(),
+            scene: self.name,
+            materials: self.scene.materials.iter().map(|material| material.name.clone()).collect(),
+            scene_hash: scene_hash(self.scene, &geometry, &camera),
+            triangles: geometry.triangles.len() as u64,
+            seconds: began.elapsed().as_secs_f64(),
+            stages: stages.finish(),
+            rays_per_pixel: gather.rays as f64 / lit,
+            rays_per_gather_sample: bounce.rays as f64 / cloud.len() as f64,
+            gather_error: gather.operator.expected_error,
+            bounce_error: bounce.operator.expected_error,
+        };
+        let occluders = Occluders::new(&geometry, accel.masks());
+        Ok(Transfer {
+            report,
+            view,
+            cloud,
+            gather: gather.operator,
+            bounce: bounce.operator,
+            pixels: pixels.into(),
+            occluders,
+        })
+    }
+
+    fn check(&self) -> Result<&'a Camera> {
+        let (width, height) = self.settings.size;
+        if !(1..=16_384).contains(&width) || !(1..=16_384).contains(&height) {
+            return Err(Error::Setting(format!(
+                "an image of {width}x{height}: each side must be 1 to 16384 pixels"
+            )));
+        }
+        if !(1..=4096).contains(&self.settings.coefficients) {
+            return Err(Error::Setting(format!(
+                "{} coefficients a row: must be 1 to 4096",
+                self.settings.coefficients
+            )));
+        }
+        self.scene.cameras.get(self.settings.camera).ok_or_else(|| {
+            Error::Setting(format!(
+                "no camera {}: the scene has {}, numbered from 0",
+                self.settings.camera,
+                self.scene.cameras.len()
+            ))
+        })
+    }
+}
+
+/// Passes progress on and notes how long each stage took.
+struct Stages<'a> {
+    progress: &'a dyn Progress,
+    began: std::sync::Mutex<Vec<(String, Instant)>>,
+}
+
+impl<'a> Stages<'a> {
+    fn new(progress: &'a dyn Progress) -> Self {
+        Self { progress, began: std::sync::Mutex::new(vec![("acceleration structure".into(), Instant::now())]) }
+    }
+
+    fn finish(&self) -> Vec<(String, f64)> {
+        self.stage("", 0);
+        let began = self.began.lock().map(|began| began.clone()).unwrap_or_default();
+        began
+            .windows(2)
+            .map(|pair| (pair[0].0.clone(), pair[1].1.duration_since(pair[0].1).as_secs_f64()))
+            .collect()
+    }
+}
+
+impl Progress for Stages<'_> {
+    fn stage(&self, name: &str, steps: u64) {
+        if let Ok(mut began) = self.began.lock() {
+            began.push((name.to_owned(), Instant::now()));
+        }
+        if steps > 0 {
+            self.progress.stage(name, steps);
+        }
+    }
+
+    fn advance(&self, steps: u64) {
+        self.progress.advance(steps);
+    }
+
+    fn cancelled(&self) -> bool {
+        self.progress.cancelled()
+    }
+}
+
+/// What all stages read.
+struct Shot<'a> {
+    scene: &'a Scene,
+    geometry: &'a Geometry,
+    accel: &'a Accel,
+    settings: &'a Settings,
+}
+
+impl Shot<'_> {
+    fn samples(&self, camera: &Camera, progress: &dyn Progress) -> Result<(ViewSamples, GatherCloud, CellMap)> {
+        let (width, height) = self.settings.size;
+        let (view, hits) =
+            ViewSamples::new(self.scene, self.geometry, self.accel, camera, (width, height), progress)?;
+        let seen: Vec<_> = hits
+            .iter()
+            .enumerate()
+            .map(|(pixel, hit)| {
+                let (x, y) = ((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
+                (*hit, camera.direction(x, y, width, height))
+            })
+            .collect();
+        let (count, seed) = (self.settings.gather, self.settings.seed);
+        let (cloud, map) =
+            GatherCloud::new(self.scene, self.geometry, self.accel, &seen, count, seed, progress)?;
+        Ok((view, cloud, map))
+    }
+
+    fn operators(
+        &self,
+        view: &ViewSamples,
+        cloud: &GatherCloud,
+        map: &CellMap,
+        progress: &dyn Progress,
+    ) -> Result<(Computed, Computed, Vec<u32>)> {
+        let effort = self.settings.quality.effort();
+        let seed = self.settings.seed;
+        let patches = Patches::new(cloud);
+        let bounds = ClusterBounds::new(cloud);
+        let estimator = |settings| match self.settings.rows {
+            RowMethod::Balanced => RowEstimator::Balanced(RowSource {
+                accel: self.accel,
+                geometry: self.geometry,
+                map,
+                patches: &patches,
+                settings,
+            }),
+            RowMethod::Paper => RowEstimator::Paper(PaperRows {
+                accel: self.accel,
+                cloud,
+                bounds: &bounds,
+                threshold: PAPER_THRESHOLD,
+            }),
+        };
+        let lights = prior::training_lights(cloud, self.accel, effort.training_lights, seed);
+        let lights = prior::train(cloud, self.accel, &lights, progress)?;
+        let bounce = {
+            let magnitudes = prior::magnitudes(cloud, &lights, None);
+            let share = (self.settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
+            let encoder = self.encoder(effort.bounce_encoding, &magnitudes, share);
+            let rows = blocks::of_cloud(cloud, BOUNCE_BLOCK, seed);
+            progress.stage("bounces", rows.points.len() as u64);
+            let estimator = estimator(effort.bounce_rows);
+            compute::compute(estimator, encoder, &patches, &rows.points, &rows.lengths, progress)?
+        };
+        let magnitudes = prior::magnitudes(cloud, &lights, self.bounce_for_prior(&bounce.operator));
+        let encoder = self.encoder(effort.gather_encoding, &magnitudes, self.settings.coefficients);
+        let rows = blocks::of_pixels(view, effort.block_edge, seed);
+        progress.stage("final gather", rows.points.len() as u64);
+        let estimator = estimator(effort.gather_rows);
+        let gather = compute::compute(estimator, encoder, &patches, &rows.points, &rows.lengths, progress)?;
+        Ok((gather, bounce, rows.owners))
+    }
+
+    /// Only the default encoding weighs by a prior.
+    fn bounce_for_prior<'b>(&self, bounce: &'b Operator) -> Option<&'b Operator> {
+        (self.settings.encoding == Encoding::LowRank).then_some(bounce)
+    }
+
+    fn encoder<'b>(&self, low_rank: LowRankSettings, prior: &'b [f32], per_row: usize) -> Encoder<'b> {
+        match self.settings.encoding {
+            Encoding::LowRank => Encoder::LowRank { settings: low_rank, prior },
+            Encoding::HaarRows => Encoder::HaarRows { per_row },
+        }
+    }
+}
+
+/// A hash of what a preparation reads of the scene.
+fn scene_hash(scene: &Scene, geometry: &Geometry, camera: &Camera) -> String {
+    let mut hash = Xxh3::new();
+    hash.update(bytemuck::cast_slice(&geometry.positions));
+    hash.update(bytemuck::cast_slice(&geometry.normals));
+    hash.update(bytemuck::cast_slice(&geometry.uvs));
+    hash.update(bytemuck::cast_slice(&geometry.triangles));
+    hash.update(bytemuck::cast_slice(&geometry.materials));
+    for material in &scene.materials {
+        hash.update(format!("{material:?}").as_bytes());
+    }
+    for texture in &scene.textures {
+        hash.update(bytemuck::cast_slice(&texture.texels));
+    }
+    hash.update(format!("{camera:?}").as_bytes());
+    format!("{:016x}", hash.digest())
+}

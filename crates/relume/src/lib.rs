@@ -1,10 +1,12 @@
 //! Relume relights a fixed shot with full global illumination while the lights move.
 
+pub mod atomic;
 pub mod error;
 pub mod image;
 pub mod progress;
 pub mod scene;
 
+pub use atomic::atomic_write;
 pub use error::{Error, Result};
 pub use glam;
 pub use progress::Progress;

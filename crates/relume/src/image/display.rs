@@ -12,8 +12,8 @@ pub enum Tonemap {
     /// Khronos Group, "PBR Neutral Tone Mapper", <https://github.com/KhronosGroup/ToneMapping>.
     #[default]
     Neutral,
-    /// AgX with its default look, by Troy Sobotka: flatter, with saturated lights that go to white as film does.
-    /// The Rec. 709 form and the polynomial fit of its curve are those of B. Wrensch, "Minimal AgX
+    /// AgX with its default look, by Troy Sobotka: flatter, with saturated lights that go to white as film
+    /// does. The Rec. 709 form and the polynomial fit of its curve are those of B. Wrensch, "Minimal AgX
     /// Implementation", 2023, <https://iolite-engine.com/blog_posts/minimal_agx_implementation>.
     AgX,
     /// No curve: values outside `0..=1` are clipped.
@@ -26,7 +26,8 @@ pub fn display(image: &Image, exposure: f32, tonemap: Tonemap) -> Vec<[u8; 3]> {
     image.pixels.iter().map(|&color| encode(color, exposure, tonemap).to_array().map(byte)).collect()
 }
 
-/// The sRGB-encoded display value, each channel in `0..=1`, of a scene-linear `color` at an exposure in stops.
+/// The sRGB-encoded display value, each channel in `0..=1`, of a scene-linear `color` at an exposure in
+/// stops.
 ///
 /// Negative and NaN channels count as 0, infinite ones as very bright.
 pub fn encode(color: Vec3, exposure: f32, tonemap: Tonemap) -> Vec3 {

@@ -1,16 +1,18 @@
-//! The FLIP difference of two display images: how visible their difference is when one is flipped to the other.
+//! The FLIP difference of two display images: how visible their difference is when one is flipped to the
+//! other.
 //!
-//! P. Andersson, J. Nilsson, T. Akenine-Moller, M. Oskarsson, K. Astrom and M. D. Fairchild, "FLIP: A Difference
-//! Evaluator for Alternating Images", HPG 2020. Every filter of the paper is separable (or a sum of two that
-//! are), so rows and columns are filtered one after the other; the four lanes of a `Vec4` carry the filters
-//! that share a pass.
+//! P. Andersson, J. Nilsson, T. Akenine-Moller, M. Oskarsson, K. Astrom and M. D. Fairchild, "FLIP: A
+//! Difference Evaluator for Alternating Images", HPG 2020. Every filter of the paper is separable (or a sum
+//! of two that are), so rows and columns are filtered one after the other; the four lanes of a `Vec4` carry
+//! the filters that share a pass.
 
 use glam::{DMat3, Mat3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::display::linear_from_srgb;
 
-/// Pixels per degree of visual angle: a 0.7 m wide display of 3840 pixels seen from 0.7 m, the paper's default.
+/// Pixels per degree of visual angle: a 0.7 m wide display of 3840 pixels seen from 0.7 m, the paper's
+/// default.
 pub const PIXELS_PER_DEGREE: f32 = 67.020_64;
 
 /// Linear sRGB to CIE XYZ, by columns (IEC 61966-2-1 primaries and white).
@@ -30,6 +32,9 @@ const XYZ_FROM_RGB: DMat3 = DMat3::from_cols_array(&[
 ///
 /// `reference` and `test` are sRGB-encoded, `0..=1`, `width` pixels a row, and of one length, a multiple of `width`.
 /// A larger `pixels_per_degree` (a display farther away) makes fine differences less visible.
+///
+/// # Panics
+/// Where the images differ in length or are no whole number of rows; [`super::compare`] checks its images first.
 pub fn flip(reference: &[Vec3], test: &[Vec3], width: usize, pixels_per_degree: f32) -> Vec<f32> {
     assert!(reference.len() == test.len() && (width == 0 || reference.len().is_multiple_of(width)));
     if reference.is_empty() {
@@ -154,9 +159,9 @@ impl Seen {
     }
 }
 
-/// The contrast sensitivity filters of section 4.1.1, along rows and along columns. Lanes: lightness, red-green,
-/// and the two Gaussians of blue-yellow. The paper writes each as `a sqrt(pi / b) exp(-pi^2 d^2 / b)`, with `d` in
-/// degrees, and scales each channel's filter to a sum of 1.
+/// The contrast sensitivity filters of section 4.1.1, along rows and along columns. Lanes: lightness,
+/// red-green, and the two Gaussians of blue-yellow. The paper writes each as `a sqrt(pi / b) exp(-pi^2 d^2 /
+/// b)`, with `d` in degrees, and scales each channel's filter to a sum of 1.
 fn contrast_sensitivity(pixels_per_degree: f32) -> [Vec<Vec4>; 2] {
     const B: Vec4 = Vec4::new(0.0047, 0.0053, 0.04, 0.025);
     const BLUE_YELLOW_A: [f32; 2] = [34.1, 13.5];
@@ -180,9 +185,9 @@ fn contrast_sensitivity(pixels_per_degree: f32) -> [Vec<Vec4>; 2] {
     [taps(Vec4::ONE), taps(Vec4::new(1.0, 1.0, share, 1.0 - share))]
 }
 
-/// The edge and point detectors of section 4.2, along rows and along columns: first and second derivatives of a
-/// Gaussian whose width matches human contrast sensitivity, positive and negative weights each scaled to a sum of
-/// one. Lanes: edges along y, points along y, edges along x, points along x.
+/// The edge and point detectors of section 4.2, along rows and along columns: first and second derivatives of
+/// a Gaussian whose width matches human contrast sensitivity, positive and negative weights each scaled to a
+/// sum of one. Lanes: edges along y, points along y, edges along x, points along x.
 fn feature_filters(pixels_per_degree: f32) -> [Vec<Vec4>; 2] {
     /// Degrees between peak and trough of a feature the eye sees best.
     const FEATURE_WIDTH: f32 = 0.082;

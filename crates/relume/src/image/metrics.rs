@@ -14,11 +14,11 @@ pub struct Comparison {
     /// `norm(image - reference) / norm(reference)` over all channels of the linear RGB, summed in f64.
     /// Against a black reference it is 0 for a black image and infinite for any other.
     pub relative_l2: f64,
-    /// The same over the pixels that are not on a geometric edge; `None` where edges are not known or every pixel
-    /// is on one.
+    /// The same over the pixels that are not on a geometric edge; `None` where edges are not known or every
+    /// pixel is on one.
     pub relative_l2_no_edges: Option<f64>,
-    /// Peak signal-to-noise ratio, dB, of the display images ([`Tonemap::Neutral`], exposure 0, sRGB-encoded, peak 1,
-    /// not rounded to 8 bits). Infinite where they are equal.
+    /// Peak signal-to-noise ratio, dB, of the display images ([`Tonemap::Neutral`], exposure 0, sRGB-encoded,
+    /// peak 1, not rounded to 8 bits). Infinite where they are equal.
     pub psnr: f64,
     /// Mean LDR-FLIP of the same display images at [`PIXELS_PER_DEGREE`], `0..=1`.
     pub flip: f64,
@@ -27,8 +27,8 @@ pub struct Comparison {
 /// Compares `image` with `reference`; `edges` marks pixels on a geometric edge.
 ///
 /// # Errors
-/// [`Error::Setting`] for images without pixels, of different sizes, with edges of another size, or with a pixel that is not
-/// finite, which is named.
+/// [`Error::Setting`] for images without pixels, of different sizes, with edges of another size, or with a
+/// pixel that is not finite, which is named.
 pub fn compare(image: &Image, reference: &Image, edges: Option<&[bool]>) -> Result<Comparison> {
     check(image, reference, edges)?;
     let relative_l2_no_edges = edges
@@ -134,7 +134,8 @@ mod tests {
 
     #[test]
     fn relative_l2_is_the_quotient_of_norms() {
-        // Ten per cent off everywhere is ten per cent; one pixel (3, 0, 4) against norm 2 * sqrt(192 * 3) is 5 / 48.
+        // Ten per cent off everywhere is ten per cent; one pixel (3, 0, 4) against norm 2 * sqrt(192 * 3) is
+        // 5 / 48.
         let scaled = image(16, 12, |x, y| ramp().pixels[y * 16 + x] * 1.1);
         assert!((relative_l2(&scaled, &ramp()).unwrap() - 0.1).abs() < 1e-6);
         let flat = image(16, 12, |_, _| Vec3::splat(2.0));

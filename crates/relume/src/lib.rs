@@ -1,5 +1,6 @@
 //! Relume relights a fixed shot with full global illumination while the lights move.
 
+pub mod atomic;
 pub mod error;
 pub mod image;
 pub mod progress;
@@ -10,6 +11,7 @@ pub mod shade;
 pub mod trace;
 pub mod transfer;
 
+pub use atomic::atomic_write;
 pub use error::{Error, Result};
 pub use glam;
 pub use progress::Progress;

@@ -1,5 +1,12 @@
 //! Images: layers, metrics, display transform.
 
+pub mod display;
+pub mod flip;
+pub mod metrics;
+
+pub use display::{Tonemap, display};
+pub use metrics::{Comparison, compare};
+
 use glam::Vec3;
 
 /// A scene-linear Rec. 709 image, row 0 at the top.

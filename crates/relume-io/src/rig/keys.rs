@@ -1,0 +1,108 @@
+use relume::LightKind;
+
+/// The `type` of a light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum LightType {
+    Omni,
+    Spot,
+    Distant,
+}
+
+/// A key of a light.
+pub(super) struct Key {
+    pub(super) name: &'static str,
+    /// For the message that asks for it.
+    pub(super) example: &'static str,
+    /// A number that may be left out, and what it is then.
+    pub(super) default: Option<f32>,
+}
+
+const fn key(name: &'static str, example: &'static str) -> Key {
+    Key { name, example, default: None }
+}
+
+const fn optional(name: &'static str, example: &'static str) -> Key {
+    Key { name, example, default: Some(0.0) }
+}
+
+const NAME: Key = key("name", "\"key\"");
+const TYPE: Key = key("type", "\"spot\"");
+const ENABLED: Key = key("enabled", "true");
+const POSITION: Key = key("position", "[1.0, 4.0, 0.5] (metres)");
+const INTENSITY: Key = key("intensity", "[60.0, 55.0, 50.0] (W/sr)");
+const RADIUS: Key = optional("radius", "0.1 (metres)");
+
+const OMNI: &[Key] = &[NAME, TYPE, ENABLED, POSITION, INTENSITY, RADIUS];
+const SPOT: &[Key] = &[
+    NAME,
+    TYPE,
+    ENABLED,
+    POSITION,
+    key("target", "[0.0, 0.0, 0.0] (metres)"),
+    INTENSITY,
+    key("inner_angle", "20.0 (degrees from the axis)"),
+    key("outer_angle", "30.0 (degrees from the axis)"),
+    RADIUS,
+];
+const DISTANT: &[Key] = &[
+    NAME,
+    TYPE,
+    ENABLED,
+    key("direction", "[0.3, -1.0, 0.2] (the way the light travels)"),
+    key("irradiance", "[3.0, 2.8, 2.5] (W/m^2)"),
+    optional("angle", "0.53 (degrees)"),
+];
+
+impl LightType {
+    pub(super) const ALL: [Self; 3] = [Self::Omni, Self::Spot, Self::Distant];
+
+    pub(super) fn of(kind: &LightKind) -> Self {
+        match kind {
+            LightKind::Omni { .. } => Self::Omni,
+            LightKind::Spot { .. } => Self::Spot,
+            LightKind::Distant { .. } => Self::Distant,
+        }
+    }
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Omni => "omni",
+            Self::Spot => "spot",
+            Self::Distant => "distant",
+        }
+    }
+
+    pub(super) fn keys(self) -> &'static [Key] {
+        match self {
+            Self::Omni => OMNI,
+            Self::Spot => SPOT,
+            Self::Distant => DISTANT,
+        }
+    }
+
+    pub(super) fn key(self, name: &str) -> Option<&'static Key> {
+        self.keys().iter().find(|key| key.name == name)
+    }
+}
+
+/// The one of `known` that `written` was probably meant to be.
+pub(super) fn near_miss<'k>(written: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
+    let plain = |name: &str| name.to_lowercase().replace(['-', ' '], "_");
+    let written = plain(written);
+    known
+        .into_iter()
+        .map(|name| (strsim::damerau_levenshtein(&written, &plain(name)), name))
+        .filter(|&(distance, name)| distance <= 1 + name.len() / 5)
+        .min_by_key(|&(distance, _)| distance)
+        .map(|(_, name)| name)
+}
+
+/// The type that other programs call `written`.
+pub(super) fn synonym(written: &str) -> Option<LightType> {
+    match written.to_lowercase().as_str() {
+        "point" | "sphere" | "bulb" => Some(LightType::Omni),
+        "cone" | "spotlight" => Some(LightType::Spot),
+        "directional" | "sun" | "parallel" => Some(LightType::Distant),
+        _ => None,
+    }
+}

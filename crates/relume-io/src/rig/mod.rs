@@ -1,0 +1,96 @@
+//! Light rigs as TOML files.
+//!
+//! ```toml
+//! exposure = 0.0                      # stops; display images only
+//! [[light]]
+//! name = "key"
+//! type = "spot"                       # omni | spot | distant
+//! position = [1.0, 4.0, 0.5]          # metres, world space
+//! target = [0.0, 0.0, 0.0]
+//! intensity = [60.0, 55.0, 50.0]      # W/sr, linear RGB
+//! inner_angle = 20.0                  # degrees from the axis
+//! outer_angle = 30.0
+//! radius = 0.0                        # optional: metres, of the emitting sphere; 0 is a point
+//! enabled = true                      # optional
+//! [[light]]
+//! name = "fill"
+//! type = "omni"
+//! position = [-2.0, 1.0, 0.0]
+//! intensity = [5.0, 5.0, 6.0]
+//! [[light]]
+//! name = "sun"
+//! type = "distant"
+//! direction = [0.3, -1.0, 0.2]        # the way the light travels
+//! irradiance = [3.0, 2.8, 2.5]        # W/m^2 at normal incidence, linear RGB
+//! angle = 0.53                        # optional: diameter, degrees
+//! ```
+//!
+//! The keys are the field names of [`relume::LightKind`]. Whatever is wrong is told with its line.
+
+mod check;
+mod keys;
+mod parse;
+mod toml_text;
+
+use std::io::{Read, Write};
+use std::path::Path;
+
+use relume::{Error, LightRig, Result, atomic_write};
+
+pub use toml_text::rig_to_toml;
+
+/// No rig of thousands of lights comes near this; a larger file is something else.
+const LARGEST_FILE: u64 = 16 << 20;
+
+/// Reads a rig from a TOML file.
+///
+/// # Errors
+/// [`Error::File`] with the line, what is wrong there and the mend; [`Error::Io`] where the file cannot be
+/// read.
+pub fn load_rig(path: impl AsRef<Path>) -> Result<LightRig> {
+    let path = path.as_ref();
+    let refused = |error| Error::io(path, "read", error);
+    let mut bytes = Vec::new();
+    let file = std::fs::File::open(path).map_err(refused)?;
+    file.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(refused)?;
+    if bytes.len() as u64 > LARGEST_FILE {
+        return Err(Error::file(path, "is larger than 16 MiB; a rig is a short TOML file"));
+    }
+    let text = String::from_utf8(bytes).map_err(|error| {
+        let line =
+            1 + error.as_bytes()[..error.utf8_error().valid_up_to()].iter().filter(|&&b| b == b'\n').count();
+        Error::file(path, format!("line {line}: not UTF-8 text; save the rig as UTF-8"))
+    })?;
+    parse_rig(&text, path)
+}
+
+/// Reads a rig from the text of a TOML file; `path` is named in errors.
+///
+/// # Errors
+/// [`Error::File`] with the first line at fault, what is wrong there and the mend.
+pub fn parse_rig(text: &str, path: impl AsRef<Path>) -> Result<LightRig> {
+    parse::parse(text).map_err(|problem| {
+        // A rig may end in an unfinished line, and a missing key is told at its table's header.
+        let offset = problem.offset.min(text.len());
+        let line = 1 + text.as_bytes()[..offset].iter().filter(|&&byte| byte == b'\n').count();
+        Error::file(path, format!("line {line}: {}", problem.message))
+    })
+}
+
+/// Writes `rig` as a TOML file that [`load_rig`] reads back bit for bit. The file appears whole or not at
+/// all.
+///
+/// # Errors
+/// [`Error::Setting`] for a rig that [`load_rig`] would refuse; [`Error::File`] and [`Error::Io`] as
+/// [`atomic_write`].
+pub fn save_rig(rig: &LightRig, path: impl AsRef<Path>) -> Result<()> {
+    check::check_rig(rig)?;
+    let path = path.as_ref();
+    let text = rig_to_toml(rig);
+    atomic_write(path, |file| {
+        file.write_all(text.as_bytes()).map_err(|error| Error::io(path, "write", error))
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,278 @@
+use relume::glam::Vec3;
+use relume::{Light, LightKind};
+
+use super::*;
+
+fn parse(text: &str) -> Result<LightRig> {
+    parse_rig(text, "rig.toml")
+}
+
+const SPOT: &str = r#"exposure = -1.5
+[[light]]
+name = "key"
+type = "spot"
+position = [1.0, 4, 0.5]
+target = [0.0, 0.0, 0.0]
+intensity = [60.0, 55.0, 50.0]
+inner_angle = 20
+outer_angle = 30.0
+"#;
+const OMNI: &str = r#"[[light]]
+name = "fill"
+type = "omni"
+position = [0, 1, 0]
+intensity = [1, 2, 3]
+radius = 0.25
+enabled = false
+"#;
+const DISTANT: &str = r#"[[light]]
+name = "sun"
+type = "distant"
+direction = [0, -1, 0]
+irradiance = [3, 3, 3]
+"#;
+
+fn every_kind() -> LightRig {
+    let spot = LightKind::Spot {
+        position: Vec3::new(1.0, 4.0, 0.5),
+        target: Vec3::ZERO,
+        intensity: Vec3::new(60.0, 55.0, 50.0),
+        inner_angle: 20.0,
+        outer_angle: 30.0,
+        radius: 0.0,
+    };
+    let omni = LightKind::Omni { position: Vec3::Y, intensity: Vec3::new(1.0, 2.0, 3.0), radius: 0.25 };
+    let sun = LightKind::Distant { direction: Vec3::NEG_Y, irradiance: Vec3::splat(3.0), angle: 0.0 };
+    let light = |name: &str, enabled, kind| Light { name: name.to_owned(), enabled, kind };
+    LightRig {
+        exposure: -1.5,
+        lights: vec![light("key", true, spot), light("fill", false, omni), light("sun", true, sun)],
+    }
+}
+
+#[test]
+fn reads_every_kind_with_its_defaults() {
+    assert_eq!(parse(&format!("{SPOT}{OMNI}{DISTANT}")).unwrap(), every_kind());
+    assert_eq!(parse("").unwrap(), LightRig::default());
+    let windows = format!("{SPOT}{OMNI}{DISTANT}").replace('\n', "\r\n");
+    assert_eq!(parse(&windows).unwrap(), every_kind());
+}
+
+#[test]
+fn writes_what_it_reads_bit_for_bit() {
+    let mut rig = every_kind();
+    rig.exposure = 0.1;
+    let awkward = Vec3::new(f32::MIN_POSITIVE / 3.0, 1.0 / 3.0, f32::MAX);
+    rig.lights[0] = rig.lights[0].with_color(awkward);
+    rig.lights[1] = rig.lights[1].with_color(Vec3::new(16_777_217.0, 1e-7, 8.589_973e9));
+    rig.lights[2].name = "so \"it\" is\n\\ 日本 ' ''' ".to_owned();
+    assert_eq!(parse(&rig_to_toml(&rig)).unwrap(), rig);
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rig.toml");
+    save_rig(&rig, &path).unwrap();
+    assert_eq!(load_rig(&path).unwrap(), rig);
+    rig.lights[0] = rig.lights[0].with_color(Vec3::ONE);
+    assert_ne!(load_rig(&path).unwrap(), rig);
+}
+
+#[test]
+fn every_f32_survives_the_text() {
+    // A step through all exponents and many mantissas.
+    for bits in (0..f32::INFINITY.to_bits()).step_by(1_000_003) {
+        let rig = LightRig { exposure: f32::from_bits(bits), lights: vec![] };
+        assert_eq!(parse(&rig_to_toml(&rig)).unwrap().exposure.to_bits(), bits);
+    }
+}
+
+/// A rig with one change, and the message it must end in.
+#[test]
+fn problems_are_told_with_their_line() {
+    let spot = |from: &str, to: &str| {
+        assert!(SPOT.contains(from), "{from}");
+        SPOT.replace(from, to)
+    };
+    let distant = |from: &str, to: &str| DISTANT.replace(from, to);
+    let cases: &[(String, &str)] = &[
+        (spot("intensity", "intesity"), "line 7: unknown key `intesity`; did you mean `intensity`?"),
+        (spot("inner_angle", "innerangle"), "line 8: unknown key `innerangle`; did you mean `inner_angle`?"),
+        (
+            spot("outer_angle", "Outer-Angle"),
+            "line 9: unknown key `Outer-Angle`; did you mean `outer_angle`?",
+        ),
+        (spot("name", "nmae"), "line 3: unknown key `nmae`; did you mean `name`?"),
+        (spot("type", "Type"), "line 4: unknown key `Type`; did you mean `type`?"),
+        (
+            spot("inner_angle = 20", "colour = 3"),
+            "line 2: this spot light `key` has no `inner_angle`; add inner_angle = 20.0 (degrees from the axis)",
+        ),
+        (
+            format!("{SPOT}colour = 3\n"),
+            "line 10: unknown key `colour`; a light of type \"spot\" has name, type, enabled, position, target, \
+             intensity, inner_angle, outer_angle, radius",
+        ),
+        (
+            format!("{SPOT}angle = 3\n"),
+            "line 10: `angle` is a key of distant lights; a light of type \"spot\" has name, type, enabled, position, \
+             target, intensity, inner_angle, outer_angle, radius",
+        ),
+        (
+            format!("{DISTANT}target = [0, 0, 0]\n"),
+            "line 6: `target` is a key of spot lights; a light of type \"distant\" has name, type, enabled, direction, \
+             irradiance, angle",
+        ),
+        (spot("exposure", "exposur"), "line 1: unknown key `exposur`; did you mean `exposure`?"),
+        (spot("exposure", "gamma"), "line 1: unknown key `gamma`; a rig has `exposure` and [[light]] tables"),
+        (OMNI.replace("[[light]]", "[[lights]]"), "line 1: unknown key `lights`; did you mean `light`?"),
+        (
+            OMNI.replace("[[light]]", "[light]"),
+            "line 1: `light` must be a list of tables, not one table; begin each light with [[light]]",
+        ),
+        (
+            "light = [1]".to_owned(),
+            "line 1: a light must be a table, not one number; begin each light with [[light]]",
+        ),
+        (
+            spot("intensity = [60.0, 55.0, 50.0]\n", ""),
+            "line 2: this spot light `key` has no `intensity`; add intensity = [60.0, 55.0, 50.0] (W/sr)",
+        ),
+        (
+            format!("{OMNI}{}", distant("name = \"sun\"\n", "")),
+            "line 8: this distant light has no `name`; add name = \"key\"",
+        ),
+        (
+            spot("type = \"spot\"\n", ""),
+            "line 2: this light has no `type`; add type = \"omni\", \"spot\" or \"distant\"",
+        ),
+        (spot("\"spot\"", "\"spto\""), "line 4: unknown type \"spto\"; did you mean \"spot\"?"),
+        (spot("\"spot\"", "\"point\""), "line 4: unknown type \"point\"; did you mean \"omni\"?"),
+        (
+            spot("\"spot\"", "\"area\""),
+            "line 4: unknown type \"area\"; use \"omni\", \"spot\" or \"distant\"",
+        ),
+        (spot("\"spot\"", "7"), "line 4: `type` must be \"omni\", \"spot\" or \"distant\", not one number"),
+        (spot("60.0,", "nan,"), "line 7: `intensity` must be three finite numbers; NaN is none"),
+        (spot("60.0,", "-inf,"), "line 7: `intensity` must be three finite numbers; -inf is none"),
+        (spot("60.0,", "1e300,"), "line 7: `intensity` must be three finite numbers; inf is none"),
+        (spot("55.0", "-55.0"), "line 7: `intensity` must not be negative, but has -55; use 0 or more"),
+        (
+            spot("[1.0, 4, 0.5]", "[1.0, inf, 0.5]"),
+            "line 5: `position` must be three finite numbers; inf is none",
+        ),
+        (
+            spot("exposure = -1.5", "exposure = nan"),
+            "line 1: `exposure` must be a finite number of stops, not NaN",
+        ),
+        (
+            spot("exposure = -1.5", "exposure = \"high\""),
+            "line 1: `exposure` must be a number, such as 0.0 (stops), not text",
+        ),
+        (
+            spot("inner_angle = 20", "inner_angle = 40"),
+            "line 8: `inner_angle` (40) must not be above `outer_angle` (30); both are degrees from the axis",
+        ),
+        (spot("30.0", "95.0"), "line 9: `outer_angle` must be from 0 to 90, not 95"),
+        (spot("inner_angle = 20", "inner_angle = -1"), "line 8: `inner_angle` must be from 0 to 90, not -1"),
+        (
+            spot("20", "0").replace("30.0", "0.0"),
+            "line 9: `outer_angle` must be above 0: a cone without width lights nothing",
+        ),
+        (
+            spot("[0.0, 0.0, 0.0]", "[1.0, 4.0, 0.5]"),
+            "line 6: `target` must differ from `position`: between them is the way the spot shines",
+        ),
+        (OMNI.replace("0.25", "-0.25"), "line 6: `radius` must be 0 or more, not -0.25"),
+        (
+            OMNI.replace("0.25", "\"big\""),
+            "line 6: `radius` must be a number, such as 0.1 (metres), not text",
+        ),
+        (OMNI.replace("false", "\"no\""), "line 7: `enabled` must be true or false, not text"),
+        (OMNI.replace("\"fill\"", "12"), "line 2: `name` must be text in quotes, not one number"),
+        (
+            OMNI.replace("\"fill\"", "\"\""),
+            "line 2: `name` must not be empty; give the light a name of its own",
+        ),
+        (
+            OMNI.replace("[1, 2, 3]", "5"),
+            "line 5: `intensity` must be three numbers, such as [60.0, 55.0, 50.0] (W/sr), not one number",
+        ),
+        (
+            OMNI.replace("[1, 2, 3]", "[1, 2]"),
+            "line 5: `intensity` must be three numbers, such as [60.0, 55.0, 50.0] (W/sr), not a list of 2",
+        ),
+        (
+            OMNI.replace("[1, 2, 3]", "[1, 2, true]"),
+            "line 5: `intensity` must be three numbers, such as [60.0, 55.0, 50.0] (W/sr), not a list with something \
+             other than numbers",
+        ),
+        (
+            distant("[0, -1, 0]", "[0, 0, 0]"),
+            "line 4: `direction` has no length; write the way the light travels, such as [0.0, -1.0, 0.0]",
+        ),
+        (format!("{DISTANT}angle = 200\n"), "line 6: `angle` must be from 0 to 180, not 200"),
+        (
+            format!("{OMNI}{}", OMNI.replace("[0, 1, 0]", "[0, 2, 0]")),
+            "line 9: an earlier light is named `fill` too; give each light a name of its own",
+        ),
+        // Of two problems, the first in the text, whatever the order of checks.
+        (
+            format!("{}{}", OMNI.replace("0.25", "-1"), distant("irradiance", "irradianze")),
+            "line 6: `radius` must be 0 or more, not -1",
+        ),
+    ];
+    for (text, expected) in cases {
+        let error = parse(text).expect_err(text);
+        assert!(error.is_bad_input());
+        assert_eq!(error.to_string(), format!("rig.toml: {expected}"));
+    }
+}
+
+#[test]
+fn broken_toml_is_told_with_its_line() {
+    let cases = [
+        (SPOT.replace("30.0", ""), "rig.toml: line 9: not valid TOML: "),
+        (format!("{OMNI}radius = 1\n"), "rig.toml: line 8: not valid TOML: duplicate key"),
+        (OMNI.replace("[1, 2, 3]", "[1, 2, 3"), "rig.toml: line "),
+        (OMNI.replace("\"omni\"", "omni"), "rig.toml: line 3: not valid TOML: "),
+        ("[".repeat(100_000), "rig.toml: line 1: not valid TOML: "),
+        (format!("x = {}", "[".repeat(100_000)), "rig.toml: line 1: not valid TOML: "),
+    ];
+    for (text, expected) in cases {
+        let error = parse(&text).unwrap_err().to_string();
+        assert!(error.starts_with(expected), "{error}");
+        assert!(!error.contains('\n'), "{error}");
+    }
+}
+
+#[test]
+fn files_that_are_no_text_and_missing_files_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rig.toml");
+    std::fs::write(&path, b"exposure = 1\n# caf\xe9\n").unwrap();
+    let error = load_rig(&path).unwrap_err().to_string();
+    assert!(error.ends_with("line 2: not UTF-8 text; save the rig as UTF-8"), "{error}");
+    let error = load_rig(folder.path().join("none.toml")).unwrap_err();
+    assert!(error.is_bad_input() && error.to_string().contains("cannot read"), "{error}");
+}
+
+#[test]
+fn a_rig_that_could_not_be_read_back_is_not_saved() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rig.toml");
+    let refused = |change: &dyn Fn(&mut LightRig)| {
+        let mut rig = every_kind();
+        change(&mut rig);
+        let error = save_rig(&rig, &path).unwrap_err().to_string();
+        assert!(!path.exists());
+        error
+    };
+    assert_eq!(
+        refused(&|rig| rig.lights[1].name = "key".to_owned()),
+        "two lights are named `key`; give each a name of its own"
+    );
+    assert_eq!(
+        refused(&|rig| rig.lights[2] = rig.lights[2].with_color(Vec3::NEG_ONE)),
+        "distant light `sun`: `irradiance` must not be negative, but has -1; use 0 or more"
+    );
+    assert!(refused(&|rig| rig.exposure = f32::NAN).contains("finite"));
+}

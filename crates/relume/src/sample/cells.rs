@@ -113,9 +113,7 @@ pub(super) fn split(
         return cells;
     }
     let key = split_key(facets, normal_scale);
-    facets.sort_unstable_by(|a, b| {
-        key(a).total_cmp(&key(b)).then_with(|| a.side().cmp(&b.side()))
-    });
+    facets.sort_unstable_by(|a, b| key(a).total_cmp(&key(b)).then_with(|| a.side().cmp(&b.side())));
     let (middle, share) = halve_by_area(facets);
     let near_budget = ((budget as f64 * share).round() as usize).clamp(1, budget - 1);
     let (near, far) = facets.split_at_mut(middle);
@@ -138,8 +136,8 @@ fn cut(facet: Facet, corners: [Vec3; 3], piece: [Vec2; 3], count: usize, cells: 
 }
 
 /// The coordinate along which the facets spread most: of the centroid or of the normal.
-fn split_key(facets: &[Facet], normal_scale: f32) -> impl Fn(&Facet) -> f32 {
-    let six = |facet: &Facet| {
+fn split_key(facets: &[Facet], normal_scale: f32) -> impl Fn(&Facet) -> f32 + use<> {
+    let six = move |facet: &Facet| {
         let [x, y, z] = facet.centroid.to_array();
         let [a, b, c] = (facet.normal * normal_scale).to_array();
         [x, y, z, a, b, c]
@@ -151,9 +149,13 @@ fn split_key(facets: &[Facet], normal_scale: f32) -> impl Fn(&Facet) -> f32 {
             highest[axis] = highest[axis].max(value);
         }
     }
-    let widest = (0..6).fold(0, |best, axis| {
-        if highest[axis] - lowest[axis] > highest[best] - lowest[best] { axis } else { best }
-    });
+    let widest =
+        (0..6).fold(
+            0,
+            |best, axis| {
+                if highest[axis] - lowest[axis] > highest[best] - lowest[best] { axis } else { best }
+            },
+        );
     move |facet| six(facet)[widest]
 }
 

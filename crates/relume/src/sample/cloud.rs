@@ -161,15 +161,16 @@ impl GatherCloud {
         let reached = reach::reached(geometry, accel, &all_cells, &map, seen, seed);
         let mut facets = reach::keep_reached(&all_cells, &reached, facets);
         if facets.is_empty() {
-            return Err(Error::Setting("the camera sees no surface that reflects light: nothing to relight".into()));
+            return Err(Error::Setting(
+                "the camera sees no surface that reflects light: nothing to relight".into(),
+            ));
         }
         progress.advance(1);
         let cells = cells::split(geometry, &mut facets, count, scale);
         let mut map = CellMap::new(geometry.triangles.len(), &cells);
         progress.advance(1);
         let cloud = Self::from_cells(scene, geometry, &cells, seed);
-        let keys: Vec<_> =
-            cloud.samples.iter().map(|s| tree::key(s.position, s.normal, diagonal)).collect();
+        let keys: Vec<_> = cloud.samples.iter().map(|s| tree::key(s.position, s.normal, diagonal)).collect();
         let order = tree::order(&keys);
         for (place, &cell) in order.iter().enumerate() {
             map.sample_of_cell[cell as usize] = place as u32;

@@ -106,7 +106,8 @@ impl<'a> Chunk<'a> {
     /// One ray a patch. For each group of neighbours: whether any is visible; whether any is not, and which.
     #[expect(clippy::type_complexity, reason = "a pair of per-group answers that only `run` reads")]
     fn first_rays(&mut self, lit: &[usize]) -> (Vec<bool>, Vec<(bool, Vec<usize>)>) {
-        let rays: Vec<Ray> = lit.iter().map(|&patch| self.ray(patch, brightest(&self.quarters[patch]), 0)).collect();
+        let rays: Vec<Ray> =
+            lit.iter().map(|&patch| self.ray(patch, brightest(&self.quarters[patch]), 0)).collect();
         let mut hidden = vec![false; rays.len()];
         self.accel.occluded_batch(&rays, &mut hidden);
         self.rays += rays.len() as u64;

@@ -1,8 +1,8 @@
 //! Which rows are encoded together.
 
 use crate::sample::{GatherCloud, ViewSamples};
-use crate::transfer::rows::GatherPoint;
 use crate::trace::sampling::hash;
+use crate::transfer::rows::GatherPoint;
 
 /// Rows in block order: points, the length of each block, and what each row stands for.
 pub(super) struct Blocks {

@@ -12,7 +12,12 @@ const MOST: u32 = 64;
 
 /// `g + A M g + (A M)^2 g + ...`: the light on the cloud after `times` bounces within it, `A` the albedo of each gather
 /// sample. `None` goes on until nothing worth mention is added. Also returns how often `M` was applied.
-pub fn gather_bounces(bounce: &Operator, albedo: &[Vec3], direct: &[Vec3], times: Option<u32>) -> (Vec<Vec3>, u32) {
+pub fn gather_bounces(
+    bounce: &Operator,
+    albedo: &[Vec3],
+    direct: &[Vec3],
+    times: Option<u32>,
+) -> (Vec<Vec3>, u32) {
     let mut total = direct.to_vec();
     let mut last = direct.to_vec();
     let mut sum = magnitude(direct);

@@ -36,7 +36,12 @@ pub fn inverse(coefficients: &mut [f32], scratch: &mut [f32]) {
 
 fn check(values: &[f32], scratch: &[f32]) {
     let power_of_four = values.len().is_power_of_two() && values.len().trailing_zeros().is_multiple_of(2);
-    assert!(power_of_four && scratch.len() == values.len(), "{} values, {} scratch", values.len(), scratch.len());
+    assert!(
+        power_of_four && scratch.len() == values.len(),
+        "{} values, {} scratch",
+        values.len(),
+        scratch.len()
+    );
 }
 
 /// The level of a coefficient in a transform of any size: 0 for the scaling coefficient and the coarsest details,

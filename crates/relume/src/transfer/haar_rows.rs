@@ -71,7 +71,8 @@ impl HaarRows {
         let indices = || blocks.iter().flat_map(|b| b.indices.iter().copied());
         Self {
             per_row,
-            high: if wide { indices().map(|i| (i >> 16) as u8).collect::<Vec<_>>() } else { Vec::new() }.into(),
+            high: if wide { indices().map(|i| (i >> 16) as u8).collect::<Vec<_>>() } else { Vec::new() }
+                .into(),
             indices: indices().map(|i| i as u16).collect::<Vec<_>>().into(),
             values: blocks.iter().flat_map(|b| b.values.iter().copied()).collect::<Vec<_>>().into(),
             scales: blocks.iter().flat_map(|b| b.scales.iter().copied()).collect::<Vec<_>>().into(),

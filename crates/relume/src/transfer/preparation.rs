@@ -2,7 +2,6 @@
 
 use std::time::Instant;
 
-use glam::Vec3;
 use xxhash_rust::xxh3::Xxh3;
 
 use super::compute::{self, Computed, Encoder, RowEstimator};
@@ -249,7 +248,10 @@ struct Stages<'a> {
 
 impl<'a> Stages<'a> {
     fn new(progress: &'a dyn Progress) -> Self {
-        Self { progress, began: std::sync::Mutex::new(vec![("acceleration structure".into(), Instant::now())]) }
+        Self {
+            progress,
+            began: std::sync::Mutex::new(vec![("acceleration structure".into(), Instant::now())]),
+        }
     }
 
     fn finish(&self) -> Vec<(String, f64)> {
@@ -290,7 +292,11 @@ struct Shot<'a> {
 }
 
 impl Shot<'_> {
-    fn samples(&self, camera: &Camera, progress: &dyn Progress) -> Result<(ViewSamples, GatherCloud, CellMap)> {
+    fn samples(
+        &self,
+        camera: &Camera,
+        progress: &dyn Progress,
+    ) -> Result<(ViewSamples, GatherCloud, CellMap)> {
         let (width, height) = self.settings.size;
         let (view, hits) =
             ViewSamples::new(self.scene, self.geometry, self.accel, camera, (width, height), progress)?;

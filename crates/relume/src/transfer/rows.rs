@@ -111,7 +111,13 @@ impl RowSource<'_> {
     }
 
     /// First round: a few rays from the tile to each cluster that could light it.
-    fn probe_clusters(&self, points: &[GatherPoint], first: usize, width: usize, scratch: &mut RowScratch) -> u64 {
+    fn probe_clusters(
+        &self,
+        points: &[GatherPoint],
+        first: usize,
+        width: usize,
+        scratch: &mut RowScratch,
+    ) -> u64 {
         scratch.rays.clear();
         scratch.probes.clear();
         for cluster in (0..width).step_by(CLUSTER) {
@@ -124,7 +130,8 @@ impl RowSource<'_> {
             if total > 0.0 {
                 let seed = hash((first + cluster) as u32, points[0].seed);
                 for probe in 0..self.settings.probes {
-                    let at = (probe as f32 + unit(hash(2 * probe as u32, seed))) / self.settings.probes as f32;
+                    let at =
+                        (probe as f32 + unit(hash(2 * probe as u32, seed))) / self.settings.probes as f32;
                     let point = pick(&share[..points.len()], at * total);
                     let factors = &scratch.factors[point * width + cluster..][..CLUSTER];
                     let patch = pick(factors, unit(hash(2 * probe as u32 + 1, seed)) * share[point]);
@@ -185,7 +192,9 @@ impl RowSource<'_> {
             }
         }
         let count = self.occlude(scratch);
-        for (&(point, patch), _) in scratch.asked.iter().zip(&scratch.blocked).filter(|&(_, &blocked)| !blocked) {
+        for (&(point, patch), _) in
+            scratch.asked.iter().zip(&scratch.blocked).filter(|&(_, &blocked)| !blocked)
+        {
             let (point, patch) = (point as usize, patch as usize);
             let factors = &scratch.factors[point * width + patch - first..][..SUB_CLUSTER];
             let row = &mut rows[tile[point] as usize * stride + patch..][..SUB_CLUSTER];

@@ -1,0 +1,97 @@
+//! Direct light on the view samples, with ray-traced shadows.
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::sample::{ViewSample, ViewSamples};
+use crate::scene::Light;
+use crate::shade::{self, PreparedLight};
+use crate::trace::sampling::{hash, sobol_2d};
+use crate::trace::{Accel, Ray};
+
+/// Shadow rays a pixel towards a light with extent, spread over its samples. More make soft shadows smoother.
+const SOFT_RAYS: usize = 16;
+/// Samples that one task shades.
+const CHUNK: usize = 2048;
+
+/// One light's direct light on every pixel, and the number of shadow rays.
+pub(super) fn direct(view: &ViewSamples, accel: &Accel, light: &Light, aa: u32) -> (Vec<Vec3>, u64) {
+    let prepared = PreparedLight::new(light);
+    let (samples, a_pixel) = if aa == 1 { (&view.centers, 1) } else { (&view.quads, 4) };
+    let rays = if prepared.needs_samples() { SOFT_RAYS / a_pixel } else { 1 };
+    let mut pixels = vec![Vec3::ZERO; view.pixels()];
+    let spent = pixels
+        .par_chunks_mut(CHUNK / a_pixel)
+        .enumerate()
+        .map(|(chunk, pixels)| {
+            let first = chunk * (CHUNK / a_pixel) * a_pixel;
+            let samples = &samples[first..first + pixels.len() * a_pixel];
+            let shading = Shading { light: &prepared, camera: view.camera, rays, first };
+            shading.run(samples, accel, a_pixel, pixels)
+        })
+        .sum();
+    (pixels, spent)
+}
+
+struct Shading<'a> {
+    light: &'a PreparedLight,
+    camera: Vec3,
+    /// Shadow rays a sample.
+    rays: usize,
+    /// Number of the first sample, for its random numbers.
+    first: usize,
+}
+
+impl Shading<'_> {
+    fn run(&self, samples: &[ViewSample], accel: &Accel, a_pixel: usize, pixels: &mut [Vec3]) -> u64 {
+        let (mut rays, mut waiting) = (Vec::with_capacity(samples.len() * self.rays), Vec::new());
+        for (index, sample) in samples.iter().enumerate().filter(|(_, sample)| sample.is_lit()) {
+            for which in 0..self.rays {
+                if let Some((ray, radiance)) = self.unshadowed(sample, index, which) {
+                    rays.push(ray);
+                    waiting.push((index / a_pixel, radiance));
+                }
+            }
+        }
+        let mut blocked = vec![false; rays.len()];
+        accel.occluded_batch(&rays, &mut blocked);
+        let share = 1.0 / (a_pixel * self.rays) as f32;
+        for (&(pixel, radiance), _) in waiting.iter().zip(&blocked).filter(|&(_, &blocked)| !blocked) {
+            pixels[pixel] += radiance * share;
+        }
+        rays.len() as u64
+    }
+
+    /// A shadow ray and the radiance that reaches the camera if it is free.
+    fn unshadowed(&self, sample: &ViewSample, index: usize, which: usize) -> Option<(Ray, Vec3)> {
+        let random = if self.light.needs_samples() {
+            sobol_2d(which as u32, 0, hash((self.first + index) as u32, 0x51_a9))
+        } else {
+            Vec2::ZERO
+        };
+        let arriving = self.light.sample(sample.position, random)?;
+        let geometric = sample.geometric_normal.get();
+        let cos = sample.shading_normal.get().dot(arriving.direction);
+        if cos <= 0.0 || geometric.dot(arriving.direction) <= 0.0 {
+            return None;
+        }
+        let surface = sample.surface();
+        let view = (self.camera - sample.position) / sample.depth;
+        let brdf =
+            surface.diffuse_albedo * std::f32::consts::FRAC_1_PI + surface.specular(view, arriving.direction);
+        let radiance = brdf * arriving.irradiance * cos;
+        let ray = shade::shadow_ray(sample.position, geometric, &arriving);
+        (radiance != Vec3::ZERO).then_some((ray, radiance))
+    }
+}
+
+/// Adds what the surfaces that the camera sees emit.
+pub(super) fn add_emission(view: &ViewSamples, aa: u32, pixels: &mut [Vec3]) {
+    if aa == 1 {
+        view.center_emission.iter().for_each(|&(pixel, emission)| pixels[pixel as usize] += emission);
+    } else {
+        view.quad_emission
+            .iter()
+            .for_each(|&(sample, emission)| pixels[sample as usize / 4] += emission * 0.25);
+    }
+}

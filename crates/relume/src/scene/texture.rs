@@ -3,7 +3,8 @@ use std::sync::OnceLock;
 use glam::{Vec2, Vec3, Vec4};
 
 /// How texture coordinates outside `0..1` are read.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Wrap {
     /// The image repeats.
     #[default]

@@ -1,4 +1,404 @@
-//! The transfer in a file.
+//! The transfer in a file: safetensors, described in `docs/CACHE.md`.
+//!
+//! One metadata entry, `relume`, holds a JSON [`Header`]: version, report, shapes, a checksum a tensor, and a seal over
+//! the rest of the header. Everything is checked before anything is used: a file that was cut short, altered, made by
+//! another program or by another version is refused with one sentence.
 
-/// Version of the file format.
+use std::collections::{BTreeMap, HashMap};
+use std::fs::File;
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+
+use bytemuck::Pod;
+use glam::{Vec2, Vec3};
+use memmap2::Mmap;
+use rayon::prelude::*;
+use safetensors::SafeTensors;
+use safetensors::tensor::{Dtype, TensorView, serialize};
+use serde::{Deserialize, Serialize};
+use xxhash_rust::xxh3::xxh3_64;
+
+use super::haar_rows::HaarRows;
+use super::low_rank::LowRank;
+use super::{Buffer, Encoding, Matrix, Occluders, Operator, Report, Timings, Transfer};
+use crate::sample::{GatherCloud, SUB_SAMPLES, ViewSamples};
+use crate::scene::Wrap;
+use crate::trace::{AlphaMask, AlphaMasks};
+use crate::{Error, Result, atomic_write};
+
+/// Version of the file format. A file of another version is refused: preparing again takes minutes, guessing at old
+/// files costs trust.
 pub const FORMAT_VERSION: u32 = 1;
+
+const KEY: &str = "relume";
+
+/// Everything in the file but the arrays.
+#[derive(Debug, Serialize, Deserialize)]
+struct Header {
+    version: u32,
+    report: Report,
+    width: usize,
+    height: usize,
+    camera: [f32; 3],
+    gather: OperatorHeader,
+    bounce: OperatorHeader,
+    masks: Vec<MaskHeader>,
+    /// xxh3 of each tensor's bytes, in hexadecimal.
+    checksums: BTreeMap<String, String>,
+    /// xxh3 of this header with an empty seal.
+    seal: String,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct OperatorHeader {
+    encoding: Encoding,
+    rows: usize,
+    /// Coefficients a row of `haar-rows`.
+    per_row: usize,
+    expected_error: f64,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct MaskHeader {
+    width: usize,
+    height: usize,
+    wrap: [Wrap; 2],
+    cutoff: f32,
+}
+
+/// The arrays on their way into a file.
+#[derive(Default)]
+struct Tensors<'a>(Vec<(String, Dtype, Vec<usize>, &'a [u8])>);
+
+impl<'a> Tensors<'a> {
+    /// Adds an array of `T`; `inner` is the shape of one element in units of `dtype`.
+    fn add<T: Pod>(&mut self, name: &str, dtype: Dtype, inner: &[usize], values: &'a [T]) {
+        let shape = std::iter::once(values.len()).chain(inner.iter().copied()).collect();
+        self.0.push((name.to_owned(), dtype, shape, bytemuck::cast_slice(values)));
+    }
+
+    fn add_operator(&mut self, name: &str, operator: &'a Operator) {
+        let part = |part: &str| format!("{name}.{part}");
+        self.add(&part("weights"), Dtype::F32, &[], &operator.weights);
+        match &operator.matrix {
+            Matrix::LowRank(matrix) => {
+                self.add(&part("shapes"), Dtype::U32, &[3], &matrix.shapes);
+                self.add(&part("steps"), Dtype::U16, &[], &matrix.steps);
+                self.add(&part("v"), Dtype::I8, &[], &matrix.v);
+                self.add(&part("v_scales"), Dtype::F32, &[], &matrix.v_scales);
+                self.add(&part("u"), Dtype::I8, &[], &matrix.u);
+                self.add(&part("u_scales"), Dtype::F32, &[], &matrix.u_scales);
+            }
+            Matrix::HaarRows(matrix) => {
+                self.add(&part("indices"), Dtype::U16, &[], &matrix.indices);
+                self.add(&part("high"), Dtype::U8, &[], &matrix.high);
+                self.add(&part("values"), Dtype::I8, &[], &matrix.values);
+                self.add(&part("scales"), Dtype::F32, &[], &matrix.scales);
+            }
+        }
+    }
+}
+
+/// Emission as (sample, RGB): 16 bytes each.
+fn emission_bytes(emission: &[(u32, Vec3)]) -> Vec<[u32; 4]> {
+    emission.iter().map(|(index, rgb)| [*index, rgb.x.to_bits(), rgb.y.to_bits(), rgb.z.to_bits()]).collect()
+}
+
+fn emission_from(bytes: &[[u32; 4]]) -> Vec<(u32, Vec3)> {
+    bytes.iter().map(|&[index, r, g, b]| (index, Vec3::from([r, g, b].map(f32::from_bits)))).collect()
+}
+
+impl Transfer {
+    /// Writes the transfer to `path`, whole or not at all. The same transfer gives the same bytes.
+    ///
+    /// # Errors
+    /// [`Error::Io`] where the file cannot be written.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        let alpha: Vec<u8> =
+            self.occluders.masks.masks.iter().flat_map(|m| m.alpha.iter().copied()).collect();
+        let (centers, quads) =
+            (emission_bytes(&self.view.center_emission), emission_bytes(&self.view.quad_emission));
+        let mut tensors = Tensors::default();
+        tensors.add("view.centers", Dtype::U8, &[48], &self.view.centers);
+        tensors.add("view.quads", Dtype::U8, &[48], &self.view.quads);
+        tensors.add("view.center_emission", Dtype::U32, &[4], &centers);
+        tensors.add("view.quad_emission", Dtype::U32, &[4], &quads);
+        tensors.add("view.pixels", Dtype::U32, &[], &self.pixels);
+        tensors.add("cloud.samples", Dtype::U8, &[64], &self.cloud.samples);
+        tensors.add("cloud.sub_samples", Dtype::U8, &[24], &self.cloud.sub_samples);
+        tensors.add_operator("gather", &self.gather);
+        tensors.add_operator("bounce", &self.bounce);
+        let occluders = &self.occluders;
+        tensors.add("occluders.positions", Dtype::F32, &[3], &occluders.positions);
+        tensors.add("occluders.triangles", Dtype::U32, &[3], &occluders.triangles);
+        tensors.add("masks.triangles", Dtype::U32, &[], &occluders.masks.triangles);
+        tensors.add("masks.ids", Dtype::U32, &[], &occluders.masks.mask_ids);
+        tensors.add("masks.uvs", Dtype::F32, &[3, 2], &occluders.masks.uvs);
+        tensors.add("masks.alpha", Dtype::U8, &[], &alpha);
+        let bytes = self
+            .serialized(tensors)
+            .map_err(|message| Error::io(path, "write", std::io::Error::other(message)))?;
+        atomic_write(path, |file| file.write_all(&bytes).map_err(|error| Error::io(path, "write", error)))
+    }
+
+    fn serialized(&self, tensors: Tensors<'_>) -> Result<Vec<u8>, String> {
+        let checksum = |(name, _, _, bytes): &(String, Dtype, Vec<usize>, &[u8])| {
+            (name.clone(), format!("{:016x}", xxh3_64(bytes)))
+        };
+        let mut header = Header {
+            version: FORMAT_VERSION,
+            report: self.report.clone(),
+            width: self.view.width,
+            height: self.view.height,
+            camera: self.view.camera.to_array(),
+            gather: OperatorHeader::new(&self.gather),
+            bounce: OperatorHeader::new(&self.bounce),
+            masks: self.occluders.masks.masks.iter().map(MaskHeader::new).collect(),
+            checksums: tensors.0.par_iter().map(checksum).collect(),
+            seal: String::new(),
+        };
+        header.seal = header.expected_seal()?;
+        let json = serde_json::to_string(&header).map_err(|error| error.to_string())?;
+        let views = tensors
+            .0
+            .into_iter()
+            .map(|(name, dtype, shape, bytes)| Ok((name, TensorView::new(dtype, shape, bytes)?)))
+            .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()
+            .map_err(|error| error.to_string())?;
+        serialize(views, Some(HashMap::from([(KEY.to_owned(), json)]))).map_err(|error| error.to_string())
+    }
+
+    /// Opens a file that [`Self::save`] wrote. The operators stay in the mapped file; the rest is read.
+    ///
+    /// # Errors
+    /// [`Error::Io`] where the file cannot be read, [`Error::File`] where it is not whole, not ours or of another version.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let unreadable = |error| Error::io(path, "read", error);
+        let file = File::open(path).map_err(unreadable)?;
+        if !file.metadata().map_err(unreadable)?.is_file() {
+            return Err(Error::file(path, "is no file; name a .relume file that `relume prepare` wrote"));
+        }
+        // SAFETY: the file is opened for reading and never written through the map. Files are replaced by renaming,
+        // never changed in place, by this library; a program that truncates one while it is mapped breaks that rule,
+        // as it would for every reader of mapped files.
+        #[expect(unsafe_code, reason = "mapping a file")]
+        let map = Arc::new(unsafe { Mmap::map(&file) }.map_err(unreadable)?);
+        Opened::new(path, map)?.transfer()
+    }
+}
+
+impl OperatorHeader {
+    fn new(operator: &Operator) -> Self {
+        Self {
+            encoding: operator.encoding(),
+            rows: operator.rows,
+            per_row: match &operator.matrix {
+                Matrix::HaarRows(matrix) => matrix.per_row,
+                Matrix::LowRank(_) => 0,
+            },
+            expected_error: operator.expected_error,
+        }
+    }
+}
+
+impl MaskHeader {
+    fn new(mask: &AlphaMask) -> Self {
+        Self { width: mask.width, height: mask.height, wrap: mask.wrap, cutoff: mask.cutoff }
+    }
+}
+
+impl Header {
+    fn expected_seal(&self) -> Result<String, String> {
+        let mut value = serde_json::to_value(self).map_err(|error| error.to_string())?;
+        value["seal"] = serde_json::Value::String(String::new());
+        Ok(format!("{:016x}", xxh3_64(value.to_string().as_bytes())))
+    }
+}
+
+/// A file whose header and checksums hold.
+struct Opened<'a> {
+    path: &'a Path,
+    map: Arc<Mmap>,
+    header: Header,
+    /// First byte and the byte after the last of each tensor.
+    places: HashMap<String, (usize, usize)>,
+}
+
+impl<'a> Opened<'a> {
+    fn new(path: &'a Path, map: Arc<Mmap>) -> Result<Self> {
+        const MEND: &str = "prepare the scene again with `relume prepare`";
+        let refuse = |message: String| Error::file(path, message);
+        let tensors = SafeTensors::deserialize(&map).map_err(|error| {
+            refuse(format!(
+                "is no whole Relume cache ({error}): it was cut short or is another kind of file; {MEND}"
+            ))
+        })?;
+        let (_, metadata) = SafeTensors::read_metadata(&map)
+            .map_err(|error| refuse(format!("has a broken header ({error}); {MEND}")))?;
+        let json = metadata.metadata().as_ref().and_then(|entries| entries.get(KEY));
+        let json = json
+            .ok_or_else(|| refuse(format!("is a safetensors file, but not one that Relume wrote; {MEND}")))?;
+        let value: serde_json::Value = serde_json::from_str(json)
+            .map_err(|error| refuse(format!("has an altered header ({error}); {MEND}")))?;
+        let version = value["version"].as_u64().unwrap_or(0);
+        if version != u64::from(FORMAT_VERSION) {
+            return Err(refuse(format!(
+                "is a cache of format {version}, and this program reads format {FORMAT_VERSION}; {MEND}"
+            )));
+        }
+        let header: Header = serde_json::from_value(value)
+            .map_err(|error| refuse(format!("has an altered header ({error}); {MEND}")))?;
+        if header.expected_seal().ok().as_ref() != Some(&header.seal) {
+            return Err(refuse(format!("has an altered header (its seal is broken); {MEND}")));
+        }
+        let base = map.as_ptr() as usize;
+        let places: HashMap<String, (usize, usize)> = tensors
+            .iter()
+            .map(|(name, view)| {
+                let start = view.data().as_ptr() as usize - base;
+                (name.to_owned(), (start, start + view.data().len()))
+            })
+            .collect();
+        let altered = header.checksums.par_iter().find_map_first(|(name, checksum)| {
+            let whole = places.get(name).and_then(|&(start, end)| map.get(start..end));
+            let sum = whole.map(|bytes| format!("{:016x}", xxh3_64(bytes)));
+            (sum.as_ref() != Some(checksum)).then(|| name.clone())
+        });
+        if let Some(name) = altered {
+            return Err(refuse(format!("is damaged: the checksum of `{name}` does not match; {MEND}")));
+        }
+        Ok(Self { path, map: Arc::clone(&map), header, places })
+    }
+
+    fn refuse(&self, what: &str) -> Error {
+        Error::file(
+            self.path,
+            format!(
+                "is damaged: `{what}` does not fit the rest; prepare the scene again with `relume prepare`"
+            ),
+        )
+    }
+
+    fn buffer<T: Pod>(&self, name: &str) -> Result<Buffer<T>> {
+        // only tensors with a checksum are trusted
+        let place = self.places.get(name).filter(|_| self.header.checksums.contains_key(name));
+        place.and_then(|&place| Buffer::from_map(&self.map, place)).ok_or_else(|| self.refuse(name))
+    }
+
+    fn values<T: Pod>(&self, name: &str) -> Result<Vec<T>> {
+        Ok(self.buffer(name)?.to_vec())
+    }
+
+    fn operator(&self, name: &str, header: &OperatorHeader, count: usize) -> Result<Operator> {
+        let part = |part: &str| format!("{name}.{part}");
+        let matrix = match header.encoding {
+            Encoding::LowRank => Matrix::LowRank(LowRank {
+                shapes: self.buffer(&part("shapes"))?,
+                steps: self.buffer(&part("steps"))?,
+                v: self.buffer(&part("v"))?,
+                v_scales: self.buffer(&part("v_scales"))?,
+                u: self.buffer(&part("u"))?,
+                u_scales: self.buffer(&part("u_scales"))?,
+            }),
+            Encoding::HaarRows => Matrix::HaarRows(HaarRows {
+                per_row: header.per_row,
+                indices: self.buffer(&part("indices"))?,
+                high: self.buffer(&part("high"))?,
+                values: self.buffer(&part("values"))?,
+                scales: self.buffer(&part("scales"))?,
+            }),
+        };
+        let operator = Operator {
+            rows: header.rows,
+            matrix,
+            weights: self.buffer(&part("weights"))?,
+            expected_error: header.expected_error,
+        };
+        if operator.is_sound(count) { Ok(operator) } else { Err(self.refuse(name)) }
+    }
+
+    fn view(&self) -> Result<ViewSamples> {
+        let (width, height) = (self.header.width, self.header.height);
+        let view = ViewSamples {
+            width,
+            height,
+            camera: Vec3::from(self.header.camera),
+            centers: self.values("view.centers")?,
+            quads: self.values("view.quads")?,
+            center_emission: emission_from(&self.buffer("view.center_emission")?),
+            quad_emission: emission_from(&self.buffer("view.quad_emission")?),
+        };
+        let pixels = width.checked_mul(height);
+        let fits = pixels == Some(view.centers.len())
+            && pixels.and_then(|pixels| pixels.checked_mul(4)) == Some(view.quads.len())
+            && view.center_emission.iter().all(|&(index, _)| (index as usize) < view.centers.len())
+            && view.quad_emission.iter().all(|&(index, _)| (index as usize) < view.quads.len());
+        if fits { Ok(view) } else { Err(self.refuse("view")) }
+    }
+
+    fn cloud(&self) -> Result<GatherCloud> {
+        let cloud = GatherCloud {
+            samples: self.values("cloud.samples")?,
+            sub_samples: self.values("cloud.sub_samples")?,
+        };
+        let fits = cloud.len().is_power_of_two()
+            && cloud.len().trailing_zeros().is_multiple_of(2)
+            && cloud.sub_samples.len() == SUB_SAMPLES * cloud.len();
+        if fits { Ok(cloud) } else { Err(self.refuse("cloud")) }
+    }
+
+    fn occluders(&self) -> Result<Occluders> {
+        let alpha: Buffer<u8> = self.buffer("masks.alpha")?;
+        let mut rest = &alpha[..];
+        let mut masks = AlphaMasks {
+            masks: Vec::new(),
+            triangles: self.values("masks.triangles")?,
+            mask_ids: self.values("masks.ids")?,
+            uvs: self.values::<[Vec2; 3]>("masks.uvs")?,
+        };
+        for mask in &self.header.masks {
+            let size = mask.width.checked_mul(mask.height).filter(|&size| size > 0 && size <= rest.len());
+            let size = size.ok_or_else(|| self.refuse("masks"))?;
+            let (alpha, after) = rest.split_at(size);
+            rest = after;
+            masks.masks.push(AlphaMask {
+                width: mask.width,
+                height: mask.height,
+                alpha: alpha.to_vec(),
+                wrap: mask.wrap,
+                cutoff: mask.cutoff,
+            });
+        }
+        let occluders = Occluders {
+            positions: self.values("occluders.positions")?,
+            triangles: self.values("occluders.triangles")?,
+            masks,
+        };
+        let (masks, vertices) = (&occluders.masks, occluders.positions.len());
+        let fits = occluders.triangles.iter().flatten().all(|&vertex| (vertex as usize) < vertices)
+            && masks.triangles.len() == masks.mask_ids.len()
+            && masks.triangles.len() == masks.uvs.len()
+            && masks.triangles.is_sorted()
+            && masks.mask_ids.iter().all(|&id| (id as usize) < masks.masks.len());
+        if fits { Ok(occluders) } else { Err(self.refuse("occluders")) }
+    }
+
+    fn transfer(self) -> Result<Transfer> {
+        let (view, cloud) = (self.view()?, self.cloud()?);
+        let gather = self.operator("gather", &self.header.gather, cloud.len())?;
+        let bounce = self.operator("bounce", &self.header.bounce, cloud.len())?;
+        let pixels: Buffer<u32> = self.buffer("view.pixels")?;
+        let fits = bounce.rows == cloud.len()
+            && gather.rows == pixels.len()
+            && pixels.iter().all(|&pixel| (pixel as usize) < view.pixels());
+        if !fits {
+            return Err(self.refuse("view.pixels"));
+        }
+        let occluders = self.occluders()?;
+        let report = self.header.report;
+        Ok(Transfer { report, timings: Timings::default(), view, cloud, gather, bounce, pixels, occluders })
+    }
+}

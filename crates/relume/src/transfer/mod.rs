@@ -37,6 +37,8 @@ use crate::sample::{GatherCloud, ViewSamples};
 pub struct Transfer {
     /// How it was prepared, and what that took.
     pub report: Report,
+    /// How long that took; zero for a transfer that was loaded, so that files do not depend on the weather.
+    pub timings: Timings,
     /// What the camera sees.
     pub view: ViewSamples,
     /// What can light it.
@@ -64,10 +66,6 @@ pub struct Report {
     pub scene_hash: String,
     /// Triangles.
     pub triangles: u64,
-    /// Wall-clock seconds that preparation took.
-    pub seconds: f64,
-    /// The same by stage, in order.
-    pub stages: Vec<(String, f64)>,
     /// Visibility and hemisphere rays of the final gather, a lit pixel.
     pub rays_per_pixel: f64,
     /// The same of the bounces, a gather sample.
@@ -76,6 +74,15 @@ pub struct Report {
     pub gather_error: f64,
     /// The same of the bounces' encoding.
     pub bounce_error: f64,
+}
+
+/// How long a preparation took.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Timings {
+    /// Wall-clock seconds, all told.
+    pub seconds: f64,
+    /// The same by stage, in order.
+    pub stages: Vec<(String, f64)>,
 }
 
 impl Transfer {

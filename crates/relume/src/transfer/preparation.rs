@@ -9,7 +9,7 @@ use super::form_factors::Patches;
 use super::low_rank::LowRankSettings;
 use super::paper_rows::{ClusterBounds, PaperRows};
 use super::rows::{RowSettings, RowSource};
-use super::{Encoding, Occluders, Operator, Report, Transfer, blocks, prior};
+use super::{Encoding, Occluders, Operator, Report, Timings, Transfer, blocks, prior};
 use crate::progress::Progress;
 use crate::sample::{CellMap, GatherCloud, ViewSamples};
 use crate::scene::{Camera, Geometry, Scene};
@@ -198,16 +198,16 @@ impl<'a> Preparation<'a> {
             materials: self.scene.materials.iter().map(|material| material.name.clone()).collect(),
             scene_hash: scene_hash(self.scene, &geometry, &camera),
             triangles: geometry.triangles.len() as u64,
-            seconds: began.elapsed().as_secs_f64(),
-            stages: stages.finish(),
             rays_per_pixel: gather.rays as f64 / lit,
             rays_per_gather_sample: bounce.rays as f64 / cloud.len() as f64,
             gather_error: gather.operator.expected_error,
             bounce_error: bounce.operator.expected_error,
         };
         let occluders = Occluders::new(&geometry, accel.masks());
+        let timings = Timings { stages: stages.finish(), seconds: began.elapsed().as_secs_f64() };
         Ok(Transfer {
             report,
+            timings,
             view,
             cloud,
             gather: gather.operator,

@@ -3,6 +3,7 @@
 pub mod error;
 pub mod image;
 pub mod progress;
+pub mod reference;
 pub mod scene;
 pub mod shade;
 pub mod trace;

@@ -1,7 +1,10 @@
 //! Files for Relume: glTF and OBJ in, EXR and PNG out, light rigs.
 
-#![expect(dead_code, reason = "the importers that use these modules follow")]
-
 mod bitmap;
+mod gltf;
+mod import;
 mod mesh_parts;
+mod obj;
 mod tangents;
+
+pub use import::{Imported, load_scene};

@@ -49,8 +49,15 @@ pub struct SubSample {
     pub normal: PackedNormal,
     /// Hemispherical reflectance.
     pub albedo: PackedUnit,
-    /// Padding; zero.
-    pub reserved: u16,
+    /// Share of the patch that it stands for, `65535` is all of it; 0 fills up a patch that has fewer.
+    weight: u16,
+}
+
+impl SubSample {
+    /// Share of the patch that it stands for, `0..=1`.
+    pub fn weight(&self) -> f32 {
+        f32::from(self.weight) * (1.0 / 65535.0)
+    }
 }
 
 /// Gather samples in the order of the cluster tree (which is the Morton order of the flattened gather image), with
@@ -114,7 +121,8 @@ impl CellMap {
             1 => 0,
             count => cells::piece_at(geometry.corners(triangle), count, Vec2::new(hit.u, hit.v)),
         };
-        Some(self.sample_of_cell[(first + within) as usize] as usize)
+        let sample = self.sample_of_cell[(first + within) as usize];
+        (sample != NONE).then_some(sample as usize)
     }
 }
 
@@ -153,55 +161,63 @@ impl GatherCloud {
         progress.stage("gather cloud", 4);
         let bounds = geometry.bounds().unwrap_or_default();
         let diagonal = bounds.0.distance(bounds.1).max(1e-6);
-        let scale = tree::normal_scale(diagonal);
-        let mut facets = facets(scene, geometry);
-        let all_cells = cells::split(geometry, &mut facets, count, scale);
+        let build = Build { scene, geometry, accel, seen, seed, diagonal };
+        let facets = build.reached_facets(count)?;
         progress.advance(1);
-        let map = CellMap::new(geometry.triangles.len(), &all_cells);
-        let reached = reach::reached(geometry, accel, &all_cells, &map, seen, seed);
-        let mut facets = reach::keep_reached(&all_cells, &reached, facets);
-        if facets.is_empty() {
-            return Err(Error::Setting(
-                "the camera sees no surface that reflects light: nothing to relight".into(),
-            ));
-        }
+        let (patches, mut map) = build.patches(facets, count)?;
         progress.advance(1);
-        let cells = cells::split(geometry, &mut facets, count, scale);
-        let mut map = CellMap::new(geometry.triangles.len(), &cells);
-        progress.advance(1);
-        let cloud = Self::from_cells(scene, geometry, &cells, seed);
-        let keys: Vec<_> = cloud.samples.iter().map(|s| tree::key(s.position, s.normal, diagonal)).collect();
+        let keys: Vec<_> = patches.iter().map(|(patch, openness)| patch.key(*openness, diagonal)).collect();
         let order = tree::order(&keys);
-        for (place, &cell) in order.iter().enumerate() {
-            map.sample_of_cell[cell as usize] = place as u32;
-        }
         progress.advance(1);
-        Ok((cloud.reordered(&order), map))
-    }
-
-    fn from_cells(scene: &Scene, geometry: &Geometry, cells: &[Cell], seed: u32) -> Self {
-        let built: Vec<(GatherSample, Vec<SubSample>)> = cells
-            .par_iter()
-            .enumerate()
-            .map(|(index, cell)| build_sample(scene, geometry, cell, hash(index as u32, seed)))
-            .collect();
         let mut cloud = Self::default();
-        for (sample, sub_samples) in built {
-            cloud.samples.push(sample);
-            cloud.sub_samples.extend(sub_samples);
+        let mut rest = &order[..];
+        let mut sample_of_cell = vec![NONE; map.sample_of_cell.len()];
+        for size in tree::leaf_sizes(order.len(), count) {
+            let (members, after) = rest.split_at(size);
+            rest = after;
+            let members: Vec<&Patch> = members.iter().map(|&member| &patches[member as usize].0).collect();
+            for patch in &members {
+                sample_of_cell[patch.cell as usize] = cloud.samples.len() as u32;
+            }
+            cloud.push(&members);
         }
-        cloud
+        map.sample_of_cell = sample_of_cell;
+        progress.advance(1);
+        Ok((cloud, map))
     }
 
-    fn reordered(&self, order: &[u32]) -> Self {
-        let sub_samples = |&cell: &u32| {
-            let first = cell as usize * SUB_SAMPLES;
-            self.sub_samples[first..first + SUB_SAMPLES].iter().copied()
+    /// Adds a sample that stands for all of `members`.
+    fn push(&mut self, members: &[&Patch]) {
+        let area: f32 = members.iter().map(|patch| patch.area).sum();
+        let mean = |of: fn(&Patch) -> Vec3| {
+            members.iter().map(|patch| of(patch) * patch.area).sum::<Vec3>() / area.max(1e-30)
         };
-        Self {
-            samples: order.iter().map(|&cell| self.samples[cell as usize]).collect(),
-            sub_samples: order.iter().flat_map(sub_samples).collect(),
-        }
+        let (middle, facing) = (mean(|patch| patch.position), mean(|patch| patch.normal));
+        // the most typical point: near the middle, and facing as the patch does
+        let unlike = |patch: &Patch| {
+            patch.position.distance_squared(middle) + area * patch.normal.distance_squared(facing)
+        };
+        let nearest = |best, next| if unlike(next) < unlike(best) { next } else { best };
+        let typical = members[1..].iter().copied().fold(members[0], nearest);
+        self.samples.push(GatherSample {
+            position: typical.position,
+            area,
+            normal: typical.normal,
+            triangle: typical.triangle,
+            albedo: mean(|patch| patch.albedo),
+            reserved: 0,
+            emission: mean(|patch| patch.emission),
+            reserved2: 0,
+        });
+        let sub_sample = |patch: &Patch, share: f32| SubSample {
+            position: patch.position,
+            normal: PackedNormal::new(patch.normal),
+            albedo: PackedUnit::new(patch.albedo),
+            weight: (share * 65535.0).round() as u16,
+        };
+        self.sub_samples.extend(members.iter().map(|patch| sub_sample(patch, patch.area / area.max(1e-30))));
+        let padding = SUB_SAMPLES.saturating_sub(members.len());
+        self.sub_samples.extend((0..padding).map(|_| sub_sample(members[0], 0.0)));
     }
 
     /// Number of gather samples, `n_g`.
@@ -225,47 +241,106 @@ fn check_count(count: usize) -> Result<()> {
     )))
 }
 
-fn build_sample(
-    scene: &Scene,
-    geometry: &Geometry,
-    cell: &Cell,
-    seed: u32,
-) -> (GatherSample, Vec<SubSample>) {
-    let points = cell.points(geometry, SUB_SAMPLES, seed);
-    let (mut albedo, mut emission, mut middle, mut facing) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
-    let mut sub_samples = Vec::with_capacity(points.len());
-    for (facet, uv) in &points {
-        let surface = shade::surface_on_triangle(scene, geometry, facet.triangle, uv.x, uv.y, !facet.back);
-        let reflectance = surface.hemispherical_reflectance();
-        albedo += reflectance;
-        emission += surface.emission;
-        middle += surface.position;
-        facing += facet.normal;
-        sub_samples.push(SubSample {
-            position: surface.position,
-            normal: PackedNormal::new(facet.normal),
-            albedo: PackedUnit::new(reflectance),
-            reserved: 0,
-        });
+/// A small part of a surface, with one point that stands for it.
+struct Patch {
+    cell: u32,
+    position: Vec3,
+    normal: Vec3,
+    triangle: u32,
+    area: f32,
+    albedo: Vec3,
+    emission: Vec3,
+}
+
+impl Patch {
+    fn key(&self, openness: f32, diagonal: f32) -> tree::Key {
+        tree::key(self.position, self.normal, openness, diagonal)
     }
-    let share = 1.0 / points.len() as f32;
-    let (middle, facing) = (middle * share, facing * share);
-    let area = cell.area(geometry);
-    // the most typical point: near the middle, and facing as the patch does
-    let unlike = |place: usize| {
-        sub_samples[place].position.distance_squared(middle)
-            + area * points[place].0.normal.distance_squared(facing)
-    };
-    let typical = (0..points.len()).fold(0, |best, i| if unlike(i) < unlike(best) { i } else { best });
-    let sample = GatherSample {
-        position: sub_samples[typical].position,
-        area,
-        normal: points[typical].0.normal,
-        triangle: points[typical].0.triangle,
-        albedo: albedo * share,
-        reserved: 0,
-        emission: emission * share,
-        reserved2: 0,
-    };
-    (sample, sub_samples)
+}
+
+/// What a cloud is built from.
+struct Build<'a> {
+    scene: &'a Scene,
+    geometry: &'a Geometry,
+    accel: &'a Accel,
+    seen: &'a [(Hit, Vec3)],
+    seed: u32,
+    diagonal: f32,
+}
+
+/// Rays by which a coarse cell is found to be reached.
+const COARSE_RAYS: usize = 32;
+/// Rays by which a fine patch is found to be reached, and how open it lies.
+const FINE_RAYS: usize = 8;
+
+impl Build<'_> {
+    /// The sides of triangles from which light can leave for the camera, judged by coarse cells.
+    fn reached_facets(&self, count: usize) -> Result<Vec<Facet>> {
+        let mut facets = facets(self.scene, self.geometry);
+        if facets.is_empty() {
+            return Err(nothing());
+        }
+        let (cells, map, surroundings) = self.explored(&mut facets, count, COARSE_RAYS);
+        let reached = reach::reached(self.geometry, &surroundings, &map, self.seen);
+        let facets = reach::keep_reached(&cells, &reached, facets);
+        if facets.is_empty() { Err(nothing()) } else { Ok(facets) }
+    }
+
+    fn explored(
+        &self,
+        facets: &mut [Facet],
+        count: usize,
+        rays: usize,
+    ) -> (Vec<Cell>, CellMap, Vec<reach::Surroundings>) {
+        let cells = cells::split(self.geometry, facets, count, tree::normal_scale(self.diagonal));
+        let map = CellMap::new(self.geometry.triangles.len(), &cells);
+        let area: f64 = facets.iter().map(|facet| f64::from(facet.area)).sum();
+        let scale = (area / count as f64).sqrt() as f32;
+        let found = reach::explore(self.geometry, self.accel, &cells, &map, (rays, scale), self.seed);
+        (cells, map, found)
+    }
+
+    /// Fine patches of all reached surfaces, `SUB_SAMPLES` for each of `count` gather samples or a few less, and how open
+    /// each lies. Patches in the holes of alpha masks, or that nothing reaches, are left out.
+    fn patches(&self, mut facets: Vec<Facet>, count: usize) -> Result<(Vec<(Patch, f32)>, CellMap)> {
+        let (cells, map, surroundings) = self.explored(&mut facets, SUB_SAMPLES * count, FINE_RAYS);
+        let reached = reach::reached(self.geometry, &surroundings, &map, self.seen);
+        let patches: Vec<(Patch, f32)> = cells
+            .par_iter()
+            .enumerate()
+            .filter(|&(cell, _)| reached[cell])
+            .filter_map(|(cell, shape)| {
+                self.patch(cell as u32, shape).map(|patch| (patch, surroundings[cell].openness))
+            })
+            .collect();
+        if patches.len() < count {
+            return Err(Error::Setting(format!(
+                "too few surfaces that light the view for {count} gather samples; ask for fewer"
+            )));
+        }
+        Ok((patches, map))
+    }
+
+    fn patch(&self, cell: u32, shape: &Cell) -> Option<Patch> {
+        let points = shape.points(self.geometry, 1, hash(cell, self.seed));
+        let (facet, uv) = points.first()?;
+        if !self.accel.masks().is_solid(facet.triangle, uv.x, uv.y) {
+            return None;
+        }
+        let (scene, geometry) = (self.scene, self.geometry);
+        let surface = shade::surface_on_triangle(scene, geometry, facet.triangle, uv.x, uv.y, !facet.back);
+        Some(Patch {
+            cell,
+            position: surface.position,
+            normal: facet.normal,
+            triangle: facet.triangle,
+            area: shape.area(geometry),
+            albedo: surface.hemispherical_reflectance(),
+            emission: surface.emission,
+        })
+    }
+}
+
+fn nothing() -> Error {
+    Error::Setting("the camera sees no surface that reflects light: nothing to relight".into())
 }

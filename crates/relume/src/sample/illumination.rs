@@ -72,7 +72,7 @@ impl<'a> Chunk<'a> {
             .map(|patch| {
                 std::array::from_fn(|quarter| {
                     let part = &patch[quarter * QUARTER..(quarter + 1) * QUARTER];
-                    part.iter().map(|sub| unshadowed(light, sub)).sum::<Vec3>() / SUB_SAMPLES as f32
+                    part.iter().map(|sub| unshadowed(light, sub)).sum::<Vec3>()
                 })
             })
             .collect();
@@ -170,5 +170,5 @@ fn unshadowed(light: &PreparedLight, sub: &SubSample) -> Vec3 {
     if cos <= 0.0 {
         return Vec3::ZERO;
     }
-    sub.albedo.get() * sample.irradiance * (cos * std::f32::consts::FRAC_1_PI)
+    sub.albedo.get() * sample.irradiance * (cos * sub.weight() * std::f32::consts::FRAC_1_PI)
 }

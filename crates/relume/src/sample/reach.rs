@@ -12,61 +12,72 @@ use crate::scene::Geometry;
 use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d};
 use crate::trace::{Accel, Hit, Ray, offset_origin};
 
-/// Rays sent from each cell.
-const RAYS: usize = 32;
+/// What rays from a cell found.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Surroundings {
+    /// The cells that were hit.
+    links: Vec<u32>,
+    /// How open the cell lies: the mean of `t / (t + scale)` over the rays' lengths `t`; near 0 for what is covered, 1
+    /// under the open sky.
+    pub(super) openness: f32,
+}
 
-/// For each cell, whether light can leave it for the camera.
-pub(super) fn reached(
+/// Sends `rays` rays from each cell. `scale` is the length in metres that counts as half open.
+pub(super) fn explore(
     geometry: &Geometry,
     accel: &Accel,
     cells: &[Cell],
     map: &CellMap,
-    seen: &[(Hit, Vec3)],
+    (rays, scale): (usize, f32),
     seed: u32,
+) -> Vec<Surroundings> {
+    let explore = |(index, cell): (usize, &Cell)| {
+        let seed = hash(index as u32, seed);
+        let rays: Vec<Ray> = cell
+            .points(geometry, rays, seed)
+            .iter()
+            .enumerate()
+            .map(|(index, (facet, uv))| {
+                let [a, b, c] = geometry.corners(facet.triangle as usize);
+                let position = a + (b - a) * uv.x + (c - a) * uv.y;
+                let direction = cosine_hemisphere(facet.normal, sobol_2d(index as u32, 0, seed));
+                Ray::new(offset_origin(position, facet.normal), direction)
+            })
+            .collect();
+        let mut hits = vec![Hit::MISS; rays.len()];
+        accel.closest_batch(&rays, &mut hits);
+        let open = |hit: &Hit| if hit.is_hit() { hit.t / (hit.t + scale) } else { 1.0 };
+        let openness = hits.iter().map(open).sum::<f32>() / hits.len() as f32;
+        let hits = rays.iter().zip(&hits);
+        let mut links: Vec<u32> = hits
+            .filter_map(|(ray, hit)| map.sample_at(geometry, hit, ray.direction))
+            .map(|cell| cell as u32)
+            .collect();
+        links.sort_unstable();
+        links.dedup();
+        Surroundings { links, openness }
+    };
+    cells.par_iter().enumerate().with_min_len(64).map(explore).collect()
+}
+
+/// For each cell, whether light can leave it for the camera: it is `seen`, or linked to one that is by any chain.
+pub(super) fn reached(
+    geometry: &Geometry,
+    surroundings: &[Surroundings],
+    map: &CellMap,
+    seen: &[(Hit, Vec3)],
 ) -> Vec<bool> {
-    // Surfaces have many cells, few of which need to be told apart here: neighbours by light are one component.
-    let mut components = Components::new(cells.len());
-    let links: Vec<Vec<u32>> = cells
-        .par_iter()
-        .enumerate()
-        .map(|(index, cell)| links_of(geometry, accel, cell, map, hash(index as u32, seed)))
-        .collect();
-    for (index, linked) in links.iter().enumerate() {
-        linked.iter().for_each(|&other| components.join(index as u32, other));
+    let mut components = Components::new(surroundings.len());
+    for (index, cell) in surroundings.iter().enumerate() {
+        cell.links.iter().for_each(|&other| components.join(index as u32, other));
     }
-    let mut lit = vec![false; cells.len()];
+    let mut lit = vec![false; surroundings.len()];
     for (hit, direction) in seen {
         if let Some(cell) = map.sample_at(geometry, hit, *direction) {
             lit[components.root(cell as u32) as usize] = true;
         }
     }
-    (0..cells.len() as u32).map(|cell| lit[components.root(cell) as usize]).collect()
-}
-
-/// The cells that rays from points of `cell` hit.
-fn links_of(geometry: &Geometry, accel: &Accel, cell: &Cell, map: &CellMap, seed: u32) -> Vec<u32> {
-    let rays: Vec<Ray> = cell
-        .points(geometry, RAYS, seed)
-        .iter()
-        .enumerate()
-        .map(|(index, (facet, uv))| {
-            let [a, b, c] = geometry.corners(facet.triangle as usize);
-            let position = a + (b - a) * uv.x + (c - a) * uv.y;
-            let direction = cosine_hemisphere(facet.normal, sobol_2d(index as u32, 0, seed));
-            Ray::new(offset_origin(position, facet.normal), direction)
-        })
-        .collect();
-    let mut hits = vec![Hit::MISS; rays.len()];
-    accel.closest_batch(&rays, &mut hits);
-    let mut linked: Vec<u32> = rays
-        .iter()
-        .zip(&hits)
-        .filter_map(|(ray, hit)| map.sample_at(geometry, hit, ray.direction))
-        .map(|cell| cell as u32)
-        .collect();
-    linked.sort_unstable();
-    linked.dedup();
-    linked
+    (0..surroundings.len() as u32).map(|cell| lit[components.root(cell) as usize]).collect()
 }
 
 /// The facets of reached cells, each once.

@@ -6,8 +6,11 @@
 use glam::Vec3;
 
 /// Where a sample lies for the tree: position and normal scaled as in eq. 9, so that the squared distance of two
-/// keys is `K^2 |dp|^2 + d^2 |dn|^2`.
-pub(super) type Key = [f32; 6];
+/// keys is `K^2 |dp|^2 + d^2 |dn|^2`, and how open it lies, weighed as the normal is: what is covered and what is
+/// exposed are lit and seen differently, however close they lie (two layers of cloth, a wall behind its panelling).
+pub(super) type Key = [f32; AXES];
+
+const AXES: usize = 7;
 
 /// Weight of positions in eq. 9; the paper found 20 to 40 good.
 const POSITION_WEIGHT: f32 = 30.0;
@@ -15,14 +18,24 @@ const POSITION_WEIGHT: f32 = 30.0;
 const ROUNDS: usize = 12;
 
 /// The key of a sample in a scene whose bounding box has a diagonal of `diagonal` metres.
-pub(super) fn key(position: Vec3, normal: Vec3, diagonal: f32) -> Key {
+pub(super) fn key(position: Vec3, normal: Vec3, openness: f32, diagonal: f32) -> Key {
     let (p, n) = (position * POSITION_WEIGHT, normal * diagonal);
-    [p.x, p.y, p.z, n.x, n.y, n.z]
+    [p.x, p.y, p.z, n.x, n.y, n.z, openness * diagonal]
 }
 
 /// Metres that weigh as much as a difference of one between unit normals.
 pub(super) fn normal_scale(diagonal: f32) -> f32 {
     diagonal / POSITION_WEIGHT
+}
+
+/// How many of `count` samples in tree order fall to each of `leaves` clusters (a power of two): as equal as halving
+/// makes them.
+pub(super) fn leaf_sizes(count: usize, leaves: usize) -> Vec<usize> {
+    let mut sizes = vec![count];
+    while sizes.len() < leaves {
+        sizes = sizes.iter().flat_map(|&size| [size / 2, size - size / 2]).collect();
+    }
+    sizes
 }
 
 /// The samples' numbers in tree order.
@@ -46,8 +59,8 @@ fn split(keys: &[Key], part: &mut [u32]) {
     }
 }
 
-fn mean(keys: &[Key], part: &[u32]) -> [f64; 6] {
-    let mut sum = [0.0; 6];
+fn mean(keys: &[Key], part: &[u32]) -> [f64; AXES] {
+    let mut sum = [0.0; AXES];
     for &sample in part {
         for (sum, value) in sum.iter_mut().zip(keys[sample as usize]) {
             *sum += f64::from(value);
@@ -74,7 +87,7 @@ fn halve(keys: &[Key], part: &mut [u32]) {
             *place = sample;
         }
         let (near, far) = (mean(keys, &part[..middle]), mean(keys, &part[middle..]));
-        let next: [f64; 6] = std::array::from_fn(|i| far[i] - near[i]);
+        let next: [f64; AXES] = std::array::from_fn(|i| far[i] - near[i]);
         if cosine(&next, &axis) > 0.999_999 {
             break;
         }
@@ -85,20 +98,20 @@ fn halve(keys: &[Key], part: &mut [u32]) {
     part[middle..].sort_unstable();
 }
 
-fn cosine(a: &[f64; 6], b: &[f64; 6]) -> f64 {
-    let dot = |a: &[f64; 6], b: &[f64; 6]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+fn cosine(a: &[f64; AXES], b: &[f64; AXES]) -> f64 {
+    let dot = |a: &[f64; AXES], b: &[f64; AXES]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     dot(a, b) / (dot(a, a) * dot(b, b)).sqrt().max(1e-300)
 }
 
-fn widest_axis(keys: &[Key], part: &[u32]) -> [f64; 6] {
+fn widest_axis(keys: &[Key], part: &[u32]) -> [f64; AXES] {
     let center = mean(keys, part);
-    let mut variance = [0.0; 6];
+    let mut variance = [0.0; AXES];
     for &sample in part {
-        for axis in 0..6 {
+        for axis in 0..AXES {
             variance[axis] += (f64::from(keys[sample as usize][axis]) - center[axis]).powi(2);
         }
     }
-    let widest = (0..6).fold(0, |best, axis| if variance[axis] > variance[best] { axis } else { best });
+    let widest = (0..AXES).fold(0, |best, axis| if variance[axis] > variance[best] { axis } else { best });
     std::array::from_fn(|axis| if axis == widest { 1.0 } else { 0.0 })
 }
 
@@ -108,7 +121,7 @@ mod tests {
     use crate::trace::sampling::{hash, unit};
 
     fn random_keys(count: u32) -> Vec<Key> {
-        (0..count).map(|i| std::array::from_fn(|axis| unit(hash(6 * i + axis as u32, 5)))).collect()
+        (0..count).map(|i| std::array::from_fn(|axis| unit(hash(AXES as u32 * i + axis as u32, 5)))).collect()
     }
 
     /// Mean squared distance of the samples of each cluster of `size` to the cluster's mean.
@@ -116,7 +129,9 @@ mod tests {
         let square = |part: &[u32]| {
             let center = mean(keys, part);
             part.iter()
-                .map(|&s| (0..6).map(|a| (f64::from(keys[s as usize][a]) - center[a]).powi(2)).sum::<f64>())
+                .map(|&s| {
+                    (0..AXES).map(|a| (f64::from(keys[s as usize][a]) - center[a]).powi(2)).sum::<f64>()
+                })
                 .sum::<f64>()
         };
         order.chunks(size).map(square).sum::<f64>() / order.len() as f64

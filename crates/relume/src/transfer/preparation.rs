@@ -321,7 +321,16 @@ impl Shot<'_> {
         map: &CellMap,
         progress: &dyn Progress,
     ) -> Result<(Computed, Computed, Vec<u32>)> {
-        let effort = self.settings.quality.effort();
+        let mut effort = self.settings.quality.effort();
+        let env = |n: &str, d: usize| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d); // EXPERIMENT
+        effort.gather_encoding.rank = env("XR", effort.gather_encoding.rank);
+        effort.gather_encoding.kept = env("XK", effort.gather_encoding.kept);
+        effort.bounce_encoding.rank = env("XBR", effort.bounce_encoding.rank);
+        effort.bounce_encoding.kept = env("XBK", effort.bounce_encoding.kept);
+        effort.block_edge = env("XB", effort.block_edge);
+        effort.training_lights = env("XT", effort.training_lights);
+        effort.gather_rows.hemisphere_rays = env("XH", effort.gather_rows.hemisphere_rays);
+        effort.gather_rows.probes = env("XP", effort.gather_rows.probes);
         let seed = self.settings.seed;
         let patches = Patches::new(cloud);
         let bounds = ClusterBounds::new(cloud);

@@ -18,7 +18,8 @@ use crate::{Error, Result};
 
 /// Share of a coefficient's own measured variance in its prior; the rest is the mean of its level, so that a
 /// coefficient that no training light happened to touch is not thought impossible.
-const OWN_SHARE: f64 = 0.6;
+static OWN_SHARE: std::sync::LazyLock<f64> =
+    std::sync::LazyLock::new(|| std::env::var("XO").ok().and_then(|v| v.parse().ok()).unwrap_or(0.6));
 
 /// Random lights of unit flux in the free space around the cloud.
 pub(super) fn training_lights(cloud: &GatherCloud, accel: &Accel, count: usize, seed: u32) -> Vec<Light> {
@@ -91,9 +92,19 @@ pub(super) fn magnitudes(cloud: &GatherCloud, lights: &[Vec<Vec3>], bounce: Opti
     let mut variance = vec![0.0_f64; count];
     for light in lights {
         let bounced = bounce.map(|bounce| bounces::gather_bounces(bounce, &albedo, light, Some(4)).0);
-        let coefficients = Coefficients::new(bounced.as_deref().unwrap_or(light), &[]);
+        let light = bounced.as_deref().unwrap_or(light);
+        let coefficients = Coefficients::new(light, &[]);
+        let l1: f64 = light.iter().map(|c| f64::from(c.element_sum())).sum::<f64>();
+        let l2: f64 = light.iter().map(|c| f64::from(c.length_squared())).sum::<f64>().sqrt();
+        let mode: i32 = std::env::var("XN").ok().and_then(|v| v.parse().ok()).unwrap_or(0);
+        let weight = match mode {
+            0 => 1.0,
+            1 => 1.0 / (l1 * l1 + 1e-30),
+            2 => 1.0 / (l2 * l2 + 1e-30),
+            _ => 1.0 / (l1 * l2 + 1e-30),
+        };
         for (variance, rgb) in variance.iter_mut().zip(coefficients.as_slice()) {
-            *variance += rgb.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>();
+            *variance += weight * rgb.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>();
         }
     }
     let levels = haar::level(count.max(1) - 1) + 1;
@@ -104,7 +115,7 @@ pub(super) fn magnitudes(cloud: &GatherCloud, lights: &[Vec<Vec3>], bounce: Opti
     }
     let blend = |index: usize| {
         let level = haar::level(index);
-        OWN_SHARE * variance[index] + (1.0 - OWN_SHARE) * sums[level] / members[level]
+        *OWN_SHARE * variance[index] + (1.0 - *OWN_SHARE) * sums[level] / members[level]
     };
     let total: f64 = (0..count).map(blend).sum::<f64>().max(1e-300);
     let scale = count as f64 / total;

@@ -6,8 +6,11 @@
 //! patches, whose form factor is wrong and would have to be clamped (Hasan 2006, section 4.3), are left to the rays, far
 //! small ones to their form factors.
 //!
-//! Visibility `V` is shared: a *tile* of up to 16 neighbouring points asks a cluster of 16 patches by a few rays; only
-//! where they disagree does every point ask for every four patches.
+//! Visibility `V` is shared: a *tile* of up to 16 neighbouring points asks a cluster of 16 patches by two sets of a few
+//! rays. The first set, with the tile's hemisphere rays, decides: where it finds the cluster neither wholly visible nor
+//! wholly hidden, every point asks for every four patches. Elsewhere the mean of the second set is the visibility. A set
+//! that decided could not be used as well: a cluster seen by a fifth would mostly be found hidden, and its light lost;
+//! with two sets every entry is right on average.
 
 use glam::Vec3;
 
@@ -31,7 +34,7 @@ pub(super) const TILE: usize = 16;
 pub(super) struct RowSettings {
     /// Hemisphere rays a point. More leave less noise in rows near corners.
     pub(super) hemisphere_rays: usize,
-    /// Rays by which a tile asks for a cluster.
+    /// Rays of each of the two sets by which a tile asks for a cluster.
     pub(super) probes: usize,
     /// Clusters whose unshadowed form factors add up to less than this are not asked about twice: their visibility is
     /// the mean of the probes.
@@ -75,6 +78,8 @@ pub(super) struct RowScratch {
     rays: Vec<Ray>,
     blocked: Vec<bool>,
     hits: Vec<Hit>,
+    /// By cluster: whether a hemisphere ray of the tile has hit it.
+    seen: Vec<bool>,
     /// Per cluster of the chunk: index of its first probe, and how many.
     probes: Vec<(u32, u32)>,
     /// Which point and patches a ray of the second round speaks for, and their form factors' sum.
@@ -93,7 +98,13 @@ impl RowSource<'_> {
     ) -> u64 {
         let count = self.patches.len();
         let points: Vec<GatherPoint> = tile.iter().map(|&point| points[point as usize]).collect();
+        scratch.seen.clear();
+        scratch.seen.resize(count / CLUSTER, false);
         let mut rays = 0;
+        for (point, &row) in points.iter().zip(tile) {
+            let row = &mut rows[row as usize * count..(row as usize + 1) * count];
+            rays += self.hemisphere(point, row, scratch);
+        }
         for first in (0..count).step_by(CHUNK) {
             let width = CHUNK.min(count - first);
             scratch.factors.resize(points.len() * width, 0.0);
@@ -102,10 +113,6 @@ impl RowSource<'_> {
             }
             rays += self.probe_clusters(&points, first, width, scratch);
             rays += self.settle_clusters(&points, tile, (first, width), rows, scratch);
-        }
-        for (point, &row) in points.iter().zip(tile) {
-            let row = &mut rows[row as usize * count..(row as usize + 1) * count];
-            rays += self.hemisphere(point, row, scratch);
         }
         rays
     }
@@ -162,18 +169,20 @@ impl RowSource<'_> {
                 continue;
             }
             let begin = begin as usize;
-            let answers = &scratch.blocked[begin..begin + probes as usize];
-            let open = answers.iter().filter(|&&blocked| !blocked).count() as u32;
+            let (deciding, valuing) =
+                scratch.blocked[begin..begin + probes as usize].split_at(probes as usize / 2);
+            let open = |set: &[bool]| set.iter().filter(|&&blocked| !blocked).count();
+            let hidden = open(deciding) == 0 && !scratch.seen[(first + cluster * CLUSTER) / CLUSTER];
+            let alike = hidden || open(deciding) == deciding.len();
+            let visible = open(valuing) as f32 / valuing.len() as f32;
             let (low, high) = (cluster * CLUSTER, (cluster + 1) * CLUSTER);
             for (index, point) in points.iter().enumerate() {
                 let factors = &scratch.factors[index * width + low..index * width + high];
                 let total: f32 = factors.iter().sum();
-                let settled = open == 0 || open == probes || total < self.settings.faint;
-                if settled {
-                    let visible = open as f32 / probes as f32;
+                if alike || total < self.settings.faint {
                     let start = tile[index] as usize * stride + first;
                     let row = &mut rows[start + low..start + high];
-                    if open > 0 {
+                    if visible > 0.0 {
                         add_balanced(row, factors, rays, visible);
                     }
                     continue;
@@ -229,6 +238,7 @@ impl RowSource<'_> {
             let square = (hit.t * hit.t).max(1e-12);
             let factor = cosines * self.patches.area(patch) * std::f32::consts::FRAC_1_PI / square;
             row[patch] += factor / (count as f32 * factor + 1.0);
+            scratch.seen[patch / CLUSTER] = true;
         }
         scratch.rays.len() as u64
     }

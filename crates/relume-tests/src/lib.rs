@@ -1,1 +1,3 @@
 //! Scenes with known answers, shared by the tests.
+
+pub mod scenes;

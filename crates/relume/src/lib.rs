@@ -4,6 +4,7 @@ pub mod atomic;
 pub mod error;
 pub mod image;
 pub mod progress;
+pub mod reference;
 pub mod relight;
 pub mod sample;
 pub mod scene;

@@ -1,0 +1,222 @@
+//! Small scenes made in code.
+
+use std::f32::consts::{PI, TAU};
+
+use relume::glam::{Affine3A, Mat3, Vec2, Vec3};
+use relume::scene::{Geometry, Instance, Material, Mesh};
+use relume::trace::Accel;
+use relume::{Camera, Light, LightKind, LightRig, Scene};
+
+/// A scene under construction. Each shape is a mesh and an object of its own; its front is named at each method.
+#[derive(Clone, Debug, Default)]
+pub struct SceneBuilder {
+    scene: Scene,
+}
+
+/// A scene that is ready to be traced.
+#[derive(Debug)]
+pub struct TestScene {
+    /// As an importer would give it.
+    pub scene: Scene,
+    /// Flattened.
+    pub geometry: Geometry,
+    /// Over `geometry`.
+    pub accel: Accel,
+}
+
+/// A purely diffuse material, one-sided.
+pub fn lambertian(albedo: Vec3) -> Material {
+    Material { base_color: albedo.extend(1.0), specular: 0.0, ..Material::default() }
+}
+
+/// A purely diffuse material that also shines; one-sided.
+pub fn emissive(albedo: Vec3, emission: Vec3) -> Material {
+    Material { emission, ..lambertian(albedo) }
+}
+
+/// A rig of these lights, named by their place, all enabled.
+pub fn rig(lights: impl IntoIterator<Item = LightKind>) -> LightRig {
+    let lights = lights.into_iter().enumerate();
+    LightRig {
+        exposure: 0.0,
+        lights: lights.map(|(i, kind)| Light { name: format!("light {i}"), enabled: true, kind }).collect(),
+    }
+}
+
+/// An omni light.
+pub fn omni(position: Vec3, intensity: Vec3, radius: f32) -> LightKind {
+    LightKind::Omni { position, intensity, radius }
+}
+
+impl SceneBuilder {
+    /// An empty scene.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds a material; returns its index.
+    pub fn material(&mut self, material: Material) -> usize {
+        self.scene.materials.push(material);
+        self.scene.materials.len() - 1
+    }
+
+    /// Adds a pinhole camera at `position` that looks at `target`; the field of view is vertical, in degrees.
+    pub fn camera(&mut self, position: Vec3, target: Vec3, fov: f32) -> &mut Self {
+        let forward = (target - position).normalize();
+        let up = if forward.y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
+        let right = forward.cross(up).normalize();
+        let axes = Mat3::from_cols(right, right.cross(forward), -forward);
+        self.scene.cameras.push(Camera {
+            name: format!("camera {}", self.scene.cameras.len()),
+            world_from_camera: Affine3A::from_mat3_translation(axes, position),
+            vertical_fov: fov.to_radians(),
+        });
+        self
+    }
+
+    /// Adds a mesh with normals where it stands.
+    pub fn mesh(&mut self, mesh: Mesh) -> &mut Self {
+        let index = self.scene.meshes.len();
+        self.scene.instances.push(Instance {
+            name: format!("object {index}"),
+            mesh: index,
+            world_from_object: Affine3A::IDENTITY,
+            object: index as u32,
+        });
+        self.scene.meshes.push(mesh);
+        self
+    }
+
+    /// A parallelogram; its front is towards `edge_u x edge_v`.
+    pub fn quad(&mut self, corner: Vec3, edge_u: Vec3, edge_v: Vec3, material: usize) -> &mut Self {
+        self.mesh(Mesh {
+            positions: vec![corner, corner + edge_u, corner + edge_u + edge_v, corner + edge_v],
+            normals: vec![edge_u.cross(edge_v).normalize(); 4],
+            uvs: vec![Vec2::Y, Vec2::ONE, Vec2::X, Vec2::ZERO],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            material,
+            ..Mesh::default()
+        })
+    }
+
+    /// A regular polygon of `segments` corners on a circle; its front is towards `normal`.
+    pub fn disc(
+        &mut self,
+        center: Vec3,
+        normal: Vec3,
+        radius: f32,
+        segments: u32,
+        material: usize,
+    ) -> &mut Self {
+        let normal = normal.normalize();
+        let (tangent, bitangent) = normal.any_orthonormal_pair();
+        let rim = (0..segments).map(|i| {
+            let (y, x) = (TAU * i as f32 / segments as f32).sin_cos();
+            center + radius * (tangent * x + bitangent * y)
+        });
+        let positions: Vec<_> = std::iter::once(center).chain(rim).collect();
+        let handedness = tangent.cross(bitangent).dot(normal);
+        let triangles = (0..segments)
+            .map(|i| (1 + i, 1 + (i + 1) % segments))
+            .map(|(a, b)| if handedness > 0.0 { [0, a, b] } else { [0, b, a] })
+            .collect();
+        self.mesh(Mesh {
+            normals: vec![normal; positions.len()],
+            positions,
+            triangles,
+            material,
+            ..Mesh::default()
+        })
+    }
+
+    /// A sphere of `2 * segments` by `segments` faces with smooth normals; its front is outside, or inside where
+    /// `inward`.
+    pub fn sphere(
+        &mut self,
+        center: Vec3,
+        radius: f32,
+        segments: u32,
+        inward: bool,
+        material: usize,
+    ) -> &mut Self {
+        let columns = 2 * segments;
+        let mut mesh = Mesh { material, ..Mesh::default() };
+        for row in 0..=segments {
+            for column in 0..=columns {
+                let (sin, cos) = (PI * row as f32 / segments as f32).sin_cos();
+                let (y, x) = (TAU * column as f32 / columns as f32).sin_cos();
+                let outward = Vec3::new(sin * x, cos, sin * y);
+                mesh.positions.push(center + radius * outward);
+                mesh.normals.push(if inward { -outward } else { outward });
+                mesh.uvs.push(Vec2::new(column as f32 / columns as f32, row as f32 / segments as f32));
+            }
+        }
+        for row in 0..segments {
+            for column in 0..columns {
+                let a = row * (columns + 1) + column;
+                let (b, c, d) = (a + 1, a + columns + 1, a + columns + 2);
+                for [a, b, c] in [[a, b, c], [b, d, c]] {
+                    mesh.triangles.push(if inward { [a, c, b] } else { [a, b, c] });
+                }
+            }
+        }
+        self.mesh(mesh)
+    }
+
+    /// A closed axis-aligned box from `min` to `max`, its front inside.
+    pub fn room(&mut self, min: Vec3, max: Vec3, material: usize) -> &mut Self {
+        let size = max - min;
+        let (x, y, z) = (Vec3::X * size.x, Vec3::Y * size.y, Vec3::Z * size.z);
+        self.quad(min, z, x, material)
+            .quad(min, x, y, material)
+            .quad(min, y, z, material)
+            .quad(max, -x, -z, material)
+            .quad(max, -y, -x, material)
+            .quad(max, -z, -y, material)
+    }
+
+    /// The scene, flattened and ready to be traced.
+    pub fn build(self) -> TestScene {
+        let scene = self.scene;
+        let geometry = Geometry::new(&scene);
+        let accel = Accel::new(&scene, &geometry);
+        TestScene { scene, geometry, accel }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{SceneBuilder, lambertian};
+    use relume::glam::Vec3;
+    use relume::trace::Ray;
+
+    /// All shapes show their fronts where their docs say.
+    #[test]
+    fn fronts_face_as_said() {
+        let mut builder = SceneBuilder::new();
+        let material = builder.material(lambertian(Vec3::ONE));
+        builder
+            .sphere(Vec3::ZERO, 1.0, 16, false, material)
+            .sphere(Vec3::ZERO, 1.5, 16, true, material)
+            .room(Vec3::splat(-2.0), Vec3::splat(2.0), material);
+        let built = builder.build();
+        for (i, axis) in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().enumerate() {
+            for direction in [axis, -axis] {
+                let side = Vec3::new(0.011, 0.007, 0.013);
+                for (from, front) in [(0.0, false), (1.2, true), (1.7, true)] {
+                    let ray = Ray::new(side + direction * from, direction);
+                    let hit = built.accel.closest(&ray);
+                    let towards = built.geometry.area_vector(hit.triangle as usize).dot(direction) < 0.0;
+                    assert_eq!(towards, front, "axis {i}, from {from}");
+                }
+            }
+        }
+        for normal in [Vec3::X, Vec3::NEG_Y, Vec3::new(1.0, 2.0, -3.0)] {
+            let mut builder = SceneBuilder::new();
+            let material = builder.material(lambertian(Vec3::ONE));
+            builder.disc(Vec3::ZERO, normal, 1.0, 9, material);
+            let built = builder.build();
+            assert!(built.geometry.area_vector(4).normalize().abs_diff_eq(normal.normalize(), 1e-5));
+        }
+    }
+}

@@ -1,0 +1,202 @@
+//! The path tracer: the truth that everything is measured against. It shares scene, trace and shade with the
+//! relighter, and nothing else.
+//!
+//! Paths start at the camera. Each vertex is lit by every light and by the emissive triangles (next-event
+//! estimation); emissive triangles are found by scattered rays too, and the two are weighed against each other by
+//! multiple importance sampling (Veach 1997, ch. 9). Analytic lights are invisible to all rays but shadow rays.
+//! Nothing is clamped, so the mean is unbiased and the noise honest.
+//!
+//! *Bounce 0*, the direct layer, is what surfaces emit towards the camera and light that goes from a light or an
+//! emissive triangle to the camera's first surface. Bounce `k` has met `k` more surfaces on its way.
+
+mod emitters;
+mod film;
+mod response;
+mod tile;
+
+use rayon::prelude::{IntoParallelRefIterator, ParallelIterator};
+
+use crate::error::{Error, Result};
+use crate::image::{Image, Layers};
+use crate::progress::Progress;
+use crate::scene::{Geometry, LightRig, Scene};
+use crate::shade::PreparedLight;
+use crate::trace::Accel;
+
+use emitters::Emitters;
+use film::Film;
+use tile::{Tile, TileArea};
+
+/// Pixels along a tile's side.
+const TILE: usize = 8;
+/// Largest image side.
+const MAX_SIDE: usize = 1 << 15;
+/// Most images that [`Settings::per_bounce`] gives; further bounces are in the indirect layer only.
+pub const MAX_BOUNCE_IMAGES: u32 = 16;
+
+/// Which light paths count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Paths {
+    /// All: every vertex has its full BSDF. What a renderer would show.
+    #[default]
+    All,
+    /// Those that the diffuse transfer models. The first surface answers to analytic lights by its full BSDF, to
+    /// everything else by its diffuse lobe alone, with the shading normal's cosine. Every later surface is a
+    /// diffuse reflector with the hemispherical reflectance as albedo and its geometric normal in all cosines.
+    Transfer,
+    /// As [`Self::Transfer`], but the first surface has its full BSDF for all light.
+    GlossyTransfer,
+}
+
+/// What to render, and how well.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Pixels a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Index into [`Scene::cameras`].
+    pub camera: usize,
+    /// Paths a pixel; rounded up to a multiple of `2 * aa^2`. Noise falls with its square root or faster.
+    pub spp: u32,
+    /// Indirect bounces; `None` is unlimited, ended by Russian roulette.
+    pub bounces: Option<u32>,
+    /// Rays per pixel and axis: 1 is the pixel's centre, 2 the regular `2x2` grid, box-filtered. The points are the
+    /// relighter's, so that edges agree; more paths never blur them.
+    pub aa: u32,
+    /// Which light paths count.
+    pub paths: Paths,
+    /// Another seed gives independent noise.
+    pub seed: u32,
+    /// Whether to give each bounce's image.
+    pub per_bounce: bool,
+    /// Whether to give each enabled light's layers. Emissive triangles belong to none of them.
+    pub per_light: bool,
+}
+
+impl Default for Settings {
+    /// 640x480, 64 paths a pixel, all bounces, 2x2.
+    fn default() -> Self {
+        Self {
+            width: 640,
+            height: 480,
+            camera: 0,
+            spp: 64,
+            bounces: None,
+            aa: 2,
+            paths: Paths::All,
+            seed: 0,
+            per_bounce: false,
+            per_light: false,
+        }
+    }
+}
+
+/// Relative L2 noise: the norm of the mean's standard error over the norm of the mean. 0 for a black image.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Noise {
+    /// Of the full image.
+    pub full: f64,
+    /// Of the direct layer.
+    pub direct: f64,
+    /// Of the indirect layer.
+    pub indirect: f64,
+}
+
+/// A path-traced frame with the means to judge it.
+#[derive(Clone, Debug, Default)]
+pub struct Reference {
+    /// The frame. `noise` is each pixel's standard error as the two halves show it; `edges` is empty.
+    pub layers: Layers,
+    /// Entry `k` is light of exactly `k + 1` indirect bounces; empty unless asked for.
+    pub indirect_by_bounce: Vec<Image>,
+    /// Direct and indirect layer of two independent halves, whose mean is the frame: for an unbiased squared error
+    /// multiply the differences to one half by those to the other.
+    pub halves: [Layers; 2],
+    /// Estimated from the halves.
+    pub noise: Noise,
+}
+
+/// All that a tile reads.
+struct World<'a> {
+    scene: &'a Scene,
+    geometry: &'a Geometry,
+    accel: &'a Accel,
+    lights: Vec<PreparedLight>,
+    emitters: Emitters,
+    settings: &'a Settings,
+}
+
+/// Renders `scene` under `rig`, not under the lights stored in the scene. `geometry` and `accel` are the scene's.
+/// Runs in rayon's current pool; the bytes do not depend on its size.
+///
+/// # Errors
+/// [`Error::Setting`] where a setting is out of range, [`Error::Cancelled`] where `progress` asks to stop.
+pub fn render(
+    scene: &Scene,
+    geometry: &Geometry,
+    accel: &Accel,
+    rig: &LightRig,
+    settings: &Settings,
+    progress: &dyn Progress,
+) -> Result<Reference> {
+    settings.check(scene)?;
+    let enabled: Vec<_> = rig.lights.iter().filter(|light| light.enabled).collect();
+    let world = World {
+        scene,
+        geometry,
+        accel,
+        lights: enabled.iter().map(|light| PreparedLight::new(light)).collect(),
+        emitters: Emitters::new(scene, geometry),
+        settings,
+    };
+    let film = Film::new(settings, enabled.len());
+    let areas = TileArea::cover(settings.width, settings.height, TILE);
+    progress.stage("path tracing", areas.len() as u64);
+    let tiles = areas
+        .par_iter()
+        .map(|area| {
+            let tile = Tile::new(&world, film, *area).render(progress)?;
+            progress.advance(1);
+            Ok(tile)
+        })
+        .collect::<Result<Vec<_>>>()?;
+    let names = enabled.iter().map(|light| light.name.clone()).collect();
+    Ok(film.assemble(settings, &areas, &tiles, names))
+}
+
+impl Settings {
+    fn check(&self, scene: &Scene) -> Result<()> {
+        let refuse = |message: String| Err(Error::Setting(message));
+        if !(1..=MAX_SIDE).contains(&self.width) || !(1..=MAX_SIDE).contains(&self.height) {
+            return refuse(format!(
+                "the image size {}x{} is not within 1 to {MAX_SIDE} pixels a side; choose another",
+                self.width, self.height
+            ));
+        }
+        if self.aa != 1 && self.aa != 2 {
+            return refuse(format!("aa is {}; it must be 1 or 2", self.aa));
+        }
+        if self.spp == 0 {
+            return refuse("spp is 0; at least 1 path a pixel is needed".to_owned());
+        }
+        if self.camera >= scene.cameras.len() {
+            return refuse(format!(
+                "there is no camera {}; the scene has {}, counted from 0",
+                self.camera,
+                scene.cameras.len()
+            ));
+        }
+        Ok(())
+    }
+
+    /// Paths per sub-pixel and half.
+    fn samples(&self) -> u32 {
+        self.spp.div_ceil(2 * self.aa * self.aa)
+    }
+
+    /// Whether light of `bounce` counts.
+    fn counts(&self, bounce: u32) -> bool {
+        self.bounces.is_none_or(|bounces| bounce <= bounces)
+    }
+}

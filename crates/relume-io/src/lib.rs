@@ -9,3 +9,11 @@ pub use exr_file::{Attribute, ExrImage, ExrMeta, Precision, read_exr, write_exr,
 pub use image_file::read_image;
 pub use png_file::{read_png, write_png};
 pub use rig::{load_rig, parse_rig, rig_to_toml, save_rig};
+mod bitmap;
+mod gltf;
+mod import;
+mod mesh_parts;
+mod obj;
+mod tangents;
+
+pub use import::{Imported, load_scene};

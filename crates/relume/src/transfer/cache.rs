@@ -1,7 +1,7 @@
 //! The transfer in a file: safetensors, described in `docs/CACHE.md`.
 //!
-//! One metadata entry, `relume`, holds a JSON [`Header`]: version, report, shapes, a checksum a tensor, and a seal over
-//! the rest of the header. Everything is checked before anything is used: a file that was cut short, altered, made by
+//! One metadata entry, `relume`, holds a JSON [`Header`] (version, report, shapes, a checksum a tensor) and a seal over
+//! its text. Everything is checked before anything is used: a file that was cut short, altered, made by
 //! another program or by another version is refused with one sentence.
 
 use std::collections::{BTreeMap, HashMap};
@@ -17,6 +17,7 @@ use rayon::prelude::*;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView, serialize};
 use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::haar_rows::HaarRows;
@@ -46,8 +47,14 @@ struct Header {
     masks: Vec<MaskHeader>,
     /// xxh3 of each tensor's bytes, in hexadecimal.
     checksums: BTreeMap<String, String>,
-    /// xxh3 of this header with an empty seal.
+}
+
+/// The header as it stands in the file.
+#[derive(Debug, Serialize, Deserialize)]
+struct Sealed {
+    /// xxh3 of the header's text, in hexadecimal.
     seal: String,
+    header: Box<RawValue>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -147,7 +154,7 @@ impl Transfer {
         let checksum = |(name, _, _, bytes): &(String, Dtype, Vec<usize>, &[u8])| {
             (name.clone(), format!("{:016x}", xxh3_64(bytes)))
         };
-        let mut header = Header {
+        let header = Header {
             version: FORMAT_VERSION,
             report: self.report.clone(),
             width: self.view.width,
@@ -157,10 +164,10 @@ impl Transfer {
             bounce: OperatorHeader::new(&self.bounce),
             masks: self.occluders.masks.masks.iter().map(MaskHeader::new).collect(),
             checksums: tensors.0.par_iter().map(checksum).collect(),
-            seal: String::new(),
         };
-        header.seal = header.expected_seal()?;
-        let json = serde_json::to_string(&header).map_err(|error| error.to_string())?;
+        let header = serde_json::value::to_raw_value(&header).map_err(|error| error.to_string())?;
+        let sealed = Sealed { seal: seal(&header), header };
+        let json = serde_json::to_string(&sealed).map_err(|error| error.to_string())?;
         let views = tensors
             .0
             .into_iter()
@@ -210,12 +217,8 @@ impl MaskHeader {
     }
 }
 
-impl Header {
-    fn expected_seal(&self) -> Result<String, String> {
-        let mut value = serde_json::to_value(self).map_err(|error| error.to_string())?;
-        value["seal"] = serde_json::Value::String(String::new());
-        Ok(format!("{:016x}", xxh3_64(value.to_string().as_bytes())))
-    }
+fn seal(header: &RawValue) -> String {
+    format!("{:016x}", xxh3_64(header.get().as_bytes()))
 }
 
 /// A file whose header and checksums hold.
@@ -241,19 +244,20 @@ impl<'a> Opened<'a> {
         let json = metadata.metadata().as_ref().and_then(|entries| entries.get(KEY));
         let json = json
             .ok_or_else(|| refuse(format!("is a safetensors file, but not one that Relume wrote; {MEND}")))?;
-        let value: serde_json::Value = serde_json::from_str(json)
-            .map_err(|error| refuse(format!("has an altered header ({error}); {MEND}")))?;
+        let altered = |error: String| refuse(format!("has an altered header ({error}); {MEND}"));
+        let sealed: Sealed = serde_json::from_str(json).map_err(|error| altered(error.to_string()))?;
+        let value: serde_json::Value =
+            serde_json::from_str(sealed.header.get()).map_err(|error| altered(error.to_string()))?;
         let version = value["version"].as_u64().unwrap_or(0);
         if version != u64::from(FORMAT_VERSION) {
             return Err(refuse(format!(
                 "is a cache of format {version}, and this program reads format {FORMAT_VERSION}; {MEND}"
             )));
         }
-        let header: Header = serde_json::from_value(value)
-            .map_err(|error| refuse(format!("has an altered header ({error}); {MEND}")))?;
-        if header.expected_seal().ok().as_ref() != Some(&header.seal) {
-            return Err(refuse(format!("has an altered header (its seal is broken); {MEND}")));
+        if seal(&sealed.header) != sealed.seal {
+            return Err(altered("its seal is broken".into()));
         }
+        let header: Header = serde_json::from_value(value).map_err(|error| altered(error.to_string()))?;
         let base = map.as_ptr() as usize;
         let places: HashMap<String, (usize, usize)> = tensors
             .iter()

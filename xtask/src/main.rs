@@ -1,2 +1,54 @@
-//! Developer tasks.
-fn main() {}
+//! Developer tasks. `cargo xtask --help` lists them.
+
+mod ci;
+mod deny;
+mod scenes;
+mod structure;
+mod test;
+mod workspace;
+
+use clap::{Parser, Subcommand};
+
+/// Developer tasks of Relume.
+#[derive(Parser)]
+#[command(name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Run all tests, saying what they find on this machine and what they skip.
+    Test {
+        /// Passed on to `cargo test`; `-p NAME` tests one crate instead of all.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<String>,
+    },
+    /// Make the demo scene in assets/.
+    Scenes {
+        /// Write nothing; fail where the committed file differs.
+        #[arg(long)]
+        check: bool,
+    },
+    /// Check what no compiler does: direction of dependencies, paths in docs, lengths, words.
+    Structure,
+    /// Check licences, sources and known vulnerabilities of dependencies.
+    Deny,
+    /// Run every check in order, then the tests.
+    Ci {
+        /// Leave out the tests.
+        #[arg(long)]
+        checks_only: bool,
+    },
+}
+
+fn main() -> anyhow::Result<()> {
+    match Arguments::parse().task {
+        Task::Test { arguments } => test::run(&arguments),
+        Task::Scenes { check } => scenes::run(check),
+        Task::Structure => structure::run(),
+        Task::Deny => deny::run(),
+        Task::Ci { checks_only } => ci::run(checks_only),
+    }
+}

@@ -81,10 +81,28 @@ fn run(command: &Command, console: &Console) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::CommandFactory;
 
     #[test]
     fn the_command_line_is_well_formed() {
-        use clap::CommandFactory;
         CommandLine::command().debug_assert();
+    }
+
+    #[test]
+    fn every_example_is_a_command_line() {
+        let top = CommandLine::command();
+        let commands: Vec<_> = top.get_subcommands().chain([&top]).collect();
+        assert_eq!(commands.len(), 8);
+        for command in commands {
+            let help = command.get_after_help().unwrap().to_string();
+            let examples: Vec<_> = help.lines().filter(|line| line.starts_with("  relume ")).collect();
+            assert!(!examples.is_empty(), "{}", command.get_name());
+            for example in examples {
+                if let Err(error) = CommandLine::try_parse_from(example.split_whitespace()) {
+                    panic!("{example}: {error}");
+                }
+            }
+        }
+        assert!(CommandLine::try_parse_from(["relume", "prepare", "a.glb", "--no-such"]).is_err());
     }
 }

@@ -31,7 +31,8 @@ pub(crate) struct Arguments {
 const EXAMPLE: &str = "\
 Example:
   relume info assets/arcade.glb
-  relume info scene.glb --rig lights.toml   (the lights stored in scene.glb, as a rig)";
+The lights stored in a scene, as a rig:
+  relume info scene.glb --rig lights.toml";
 
 pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let file = &arguments.file;

@@ -20,7 +20,6 @@ use super::relight::attributes as relight_attributes;
 use crate::arguments::{Threads, image_size};
 use crate::console::Console;
 use crate::output::write_shown;
-use crate::report::duration;
 use crate::scene_file;
 use table::{Figures, Frame};
 
@@ -36,7 +35,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "DIR", default_value = "relume-demo")]
     out: PathBuf,
     /// Width and height of a frame in pixels.
-    #[arg(long, value_name = "WxH", default_value = "400x300", value_parser = image_size)]
+    #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = image_size)]
     size: (usize, usize),
     /// Points that light is gathered from, a power of four.
     #[arg(long, value_name = "N", default_value = "16384", value_parser = crate::arguments::gather_count)]
@@ -157,10 +156,10 @@ impl Folder {
         figures.spp = settings.spp;
         let mut frames = Vec::with_capacity(rigs.len());
         for ((number, rig), frame) in (1..).zip(rigs).zip(&mut figures.frames) {
+            console.notice(&format!("frame {number} of {}, path traced for comparison", rigs.len()));
             let began = Instant::now();
             let reference = tracer.render(rig, &settings, &console.progress())?;
             frame.traced_seconds = began.elapsed().as_secs_f64();
-            console.notice(&format!("frame {number} path traced in {}", duration(frame.traced_seconds)));
             let attributes = reference_attributes(&settings, &reference.noise);
             self.write(&format!("truth-{number}"), &reference.layers, rig, attributes)?;
             frames.push(reference);

@@ -1,0 +1,305 @@
+//! `relume bench`: what a relit frame takes while one light moves.
+
+use std::f32::consts::TAU;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use relume::glam::Vec3;
+use relume::relight::{FrameStats, RelightSettings};
+use relume::{Error, Light, LightKind, LightRig, Relighter, Result, Transfer};
+use relume_io::load_rig;
+use serde::Serialize;
+
+use crate::arguments::{Threads, antialiasing};
+use crate::console::Console;
+use crate::report::{Table, bytes, count, plural};
+
+/// Measure a relit frame, stage by stage, while one light moves and the others stay.
+///
+/// The light goes once round a small circle; each frame relights it anew and takes the other lights from before. Then
+/// as many frames change nothing but its colour. Figures are medians over the frames.
+#[derive(Args)]
+#[command(after_help = EXAMPLE)]
+pub(crate) struct Arguments {
+    /// The cache that `relume prepare` wrote.
+    cache: PathBuf,
+    /// The lights.
+    #[arg(long, value_name = "RIG.toml")]
+    rig: PathBuf,
+    /// Frames to measure.
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: u32,
+    /// The light that moves [default: the first enabled spot or omni, else the first enabled].
+    #[arg(long, value_name = "NAME")]
+    light: Option<String>,
+    /// Indirect bounces [default: all].
+    #[arg(long, value_name = "N")]
+    bounces: Option<u32>,
+    /// Direct samples along each side of a pixel: 1 or 2.
+    #[arg(long, value_name = "1|2", default_value = "2", value_parser = antialiasing)]
+    aa: u32,
+    #[command(flatten)]
+    threads: Threads,
+    /// Print one JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLE: &str = "\
+Example:
+  relume prepare assets/arcade.glb -o arcade.relume
+  relume bench arcade.relume --rig assets/rigs/arcade.toml --frames 100";
+
+/// Radius of a moving light's circle, as a share of the cloud's diagonal.
+const CIRCLE: f32 = 0.01;
+/// Tangent of the angle by which a distant light turns.
+const TURN: f32 = 0.03;
+
+/// What `--json` prints. Times are medians over the frames.
+#[derive(Serialize)]
+struct Figures<'a> {
+    cache: &'a Path,
+    rig: &'a Path,
+    light: &'a str,
+    lights: usize,
+    frames: u32,
+    threads: usize,
+    width: usize,
+    height: usize,
+    /// The first frame, with every light relit.
+    first_frame_ms: f64,
+    frame_ms: f64,
+    /// The slowest of 95 frames in 100.
+    frame_p95_ms: f64,
+    direct_ms: f64,
+    /// Direct light on the cloud, and its bounces within.
+    bounces_ms: f64,
+    /// The first of the two alone.
+    cloud_ms: f64,
+    gather_ms: f64,
+    upsample_ms: f64,
+    sum_ms: f64,
+    /// A frame in which only the light's colour changes.
+    color_change_ms: f64,
+    shadow_rays: u64,
+    bounce_steps: u32,
+    /// Of both operators, as often as each is applied in a frame.
+    transfer_bytes_per_frame: u64,
+    /// These bytes over the time of bounces within the cloud and of the final gather.
+    transfer_gb_per_s: f64,
+}
+
+pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
+    let mut rig = load_rig(&arguments.rig)?;
+    let moving = moving_light(&rig, arguments.light.as_deref(), &arguments.rig)?;
+    arguments.threads.start()?;
+    let mut relighter =
+        console.stage("reading the cache", || Transfer::load(&arguments.cache).map(Relighter::new))?;
+    let settings = RelightSettings { bounces: arguments.bounces, aa: arguments.aa, ..Default::default() };
+    relighter.relight(&rig, &settings)?;
+    let first_frame_ms = relighter.stats().frame_ms;
+    let still = rig.lights[moving].clone();
+    let radius = CIRCLE * diagonal(relighter.transfer());
+    let progress = console.progress();
+    let mut frames = |name: &str, change: &dyn Fn(f32) -> Light| -> Result<Vec<FrameStats>> {
+        relume::Progress::stage(&progress, name, u64::from(arguments.frames));
+        (1..=arguments.frames)
+            .map(|frame| {
+                rig.lights[moving] = change(frame as f32 / arguments.frames as f32);
+                relighter.relight(&rig, &settings)?;
+                relume::Progress::advance(&progress, 1);
+                Ok(*relighter.stats())
+            })
+            .collect()
+    };
+    let moved = frames("moving the light", &|turn| moved(&still, turn, radius))?;
+    // From where it stands now, so that nothing is relit.
+    let last = self::moved(&still, 1.0, radius);
+    let recolored =
+        frames("changing its colour", &|turn| last.with_color(last.color() * (1.0 + 0.5 * turn)))?;
+    drop(progress);
+    let figures = Figures {
+        cache: &arguments.cache,
+        rig: &arguments.rig,
+        light: &still.name,
+        lights: rig.lights.iter().filter(|light| light.enabled).count(),
+        frames: arguments.frames,
+        first_frame_ms,
+        ..Figures::of(relighter.transfer(), &moved, &recolored)
+    };
+    if arguments.json { console.json(&figures) } else { console.result(&figures.to_string()) }
+}
+
+/// Index of the light to move.
+fn moving_light(rig: &LightRig, wanted: Option<&str>, path: &Path) -> Result<usize> {
+    let shines = |light: &&Light| light.enabled && light.color() != Vec3::ZERO;
+    let place =
+        |wanted: &dyn Fn(&Light) -> bool| rig.lights.iter().position(|light| shines(&light) && wanted(light));
+    if let Some(wanted) = wanted {
+        return place(&|light| light.name == wanted).ok_or_else(|| {
+            let names: Vec<_> =
+                rig.lights.iter().filter(shines).map(|light| format!("`{}`", light.name)).collect();
+            Error::file(path, format!("no enabled light is called `{wanted}`; there is {}", names.join(", ")))
+        });
+    }
+    place(&|light| !matches!(light.kind, LightKind::Distant { .. }))
+        .or_else(|| place(&|_| true))
+        .ok_or_else(|| Error::file(path, "has no enabled light that could move; enable one"))
+}
+
+/// The light after a `turn` in `0..=1` round a circle of `radius` metres that lies level and touches its place.
+fn moved(light: &Light, turn: f32, radius: f32) -> Light {
+    let (sin, cos) = (turn * TAU).sin_cos();
+    let step = radius * Vec3::new(cos - 1.0, 0.0, sin);
+    let mut light = light.clone();
+    match &mut light.kind {
+        LightKind::Omni { position, .. } => *position += step,
+        LightKind::Spot { position, target, .. } => {
+            *position += step;
+            *target += step;
+        }
+        LightKind::Distant { direction, .. } => {
+            let (a, b) = direction.normalize_or(Vec3::NEG_Y).any_orthonormal_pair();
+            *direction += direction.length() * TURN * ((cos - 1.0) * a + sin * b);
+        }
+    }
+    light
+}
+
+/// Across the box round the cloud, metres.
+fn diagonal(transfer: &Transfer) -> f32 {
+    let positions = || transfer.cloud.samples.iter().map(|sample| sample.position);
+    let low = positions().fold(Vec3::splat(f32::INFINITY), Vec3::min);
+    let high = positions().fold(Vec3::splat(f32::NEG_INFINITY), Vec3::max);
+    low.distance(high)
+}
+
+/// The value below which the share `rank` of all lies.
+fn quantile(mut values: Vec<f64>, rank: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let place = (values.len().saturating_sub(1) as f64 * rank).round() as usize;
+    values.get(place).copied().unwrap_or(f64::NAN)
+}
+
+fn median(frames: &[FrameStats], of: impl Fn(&FrameStats) -> f64) -> f64 {
+    quantile(frames.iter().map(of).collect(), 0.5)
+}
+
+impl Figures<'_> {
+    fn of(transfer: &Transfer, moved: &[FrameStats], recolored: &[FrameStats]) -> Self {
+        let steps = median(moved, |frame| f64::from(frame.bounce_steps));
+        let touched = transfer.gather.bytes() as f64 + steps * transfer.bounce.bytes() as f64;
+        let applying = median(moved, |frame| frame.bounces_ms + frame.gather_ms);
+        Self {
+            cache: Path::new(""),
+            rig: Path::new(""),
+            light: "",
+            lights: 0,
+            frames: 0,
+            threads: rayon::current_num_threads(),
+            width: transfer.view.width,
+            height: transfer.view.height,
+            first_frame_ms: 0.0,
+            frame_ms: median(moved, |frame| frame.frame_ms),
+            frame_p95_ms: quantile(moved.iter().map(|frame| frame.frame_ms).collect(), 0.95),
+            direct_ms: median(moved, |frame| frame.direct_ms),
+            bounces_ms: median(moved, |frame| frame.cloud_ms + frame.bounces_ms),
+            cloud_ms: median(moved, |frame| frame.cloud_ms),
+            gather_ms: median(moved, |frame| frame.gather_ms),
+            upsample_ms: median(moved, |frame| frame.upsample_ms),
+            sum_ms: median(moved, |frame| frame.sum_ms),
+            color_change_ms: median(recolored, |frame| frame.frame_ms),
+            shadow_rays: median(moved, |frame| frame.shadow_rays as f64) as u64,
+            bounce_steps: steps as u32,
+            transfer_bytes_per_frame: touched as u64,
+            transfer_gb_per_s: touched / (applying * 1e6),
+        }
+    }
+}
+
+impl std::fmt::Display for Figures<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(
+            f,
+            "{}x{}, light `{}` of {} moving, {}, {}",
+            self.width,
+            self.height,
+            self.light,
+            self.lights,
+            plural(self.frames as usize, "frame", "frames"),
+            plural(self.threads, "thread", "threads"),
+        )?;
+        let mut table = Table::of_numbers(&["median of", "ms"]);
+        for (name, value) in [
+            ("direct", self.direct_ms),
+            ("bounces", self.bounces_ms),
+            ("  of it light on the cloud", self.cloud_ms),
+            ("final gather", self.gather_ms),
+            ("upsampling", self.upsample_ms),
+            ("sum over lights", self.sum_ms),
+            ("frame", self.frame_ms),
+            ("  95 in 100 within", self.frame_p95_ms),
+            ("frame, only a colour changed", self.color_change_ms),
+            ("first frame, all lights", self.first_frame_ms),
+        ] {
+            table.line(name, format!("{value:.2}"));
+        }
+        writeln!(f, "{table}")?;
+        write!(
+            f,
+            "{} shadow rays, {} bounce steps, {} of transfer a frame at {:.2} GB/s",
+            count(self.shadow_rays),
+            self.bounce_steps,
+            bytes(self.transfer_bytes_per_frame),
+            self.transfer_gb_per_s
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn light(name: &str, kind: LightKind) -> Light {
+        Light { name: name.to_owned(), enabled: true, kind }
+    }
+
+    fn distant() -> LightKind {
+        LightKind::Distant { direction: Vec3::NEG_Y, irradiance: Vec3::ONE, angle: 0.0 }
+    }
+
+    fn omni() -> LightKind {
+        LightKind::Omni { position: Vec3::ONE, intensity: Vec3::ONE, radius: 0.0 }
+    }
+
+    #[test]
+    fn a_local_light_moves_before_a_distant_one() {
+        let path = Path::new("rig.toml");
+        let mut rig = LightRig { exposure: 0.0, lights: vec![light("sun", distant()), light("key", omni())] };
+        assert_eq!(moving_light(&rig, None, path).unwrap(), 1);
+        assert_eq!(moving_light(&rig, Some("sun"), path).unwrap(), 0);
+        assert!(moving_light(&rig, Some("moon"), path).unwrap_err().to_string().contains("`sun`, `key`"));
+        rig.lights[1].enabled = false;
+        assert_eq!(moving_light(&rig, None, path).unwrap(), 0);
+        rig.lights[0].enabled = false;
+        assert!(moving_light(&rig, None, path).unwrap_err().is_bad_input());
+    }
+
+    #[test]
+    fn moved_lights_come_back_and_are_elsewhere_in_between() {
+        for kind in [omni(), distant()] {
+            let still = light("a", kind);
+            assert!(!moved(&still, 0.3, 0.1).same_but_for_color(&still));
+            assert!(moved(&still, 0.0, 0.1).same_but_for_color(&still));
+        }
+        let LightKind::Omni { position, .. } = moved(&light("a", omni()), 0.5, 0.1).kind else { panic!() };
+        assert!((position - Vec3::new(0.8, 1.0, 1.0)).length() < 1e-5);
+    }
+
+    #[test]
+    fn quantiles_are_values_that_occurred() {
+        assert_eq!(quantile(vec![3.0, 1.0, 2.0], 0.5), 2.0);
+        assert_eq!(quantile((0..101).map(f64::from).collect(), 0.95), 95.0);
+        assert!(quantile(Vec::new(), 0.5).is_nan());
+    }
+}

@@ -1,0 +1,311 @@
+//! `relume info`: what is in a scene or a cache.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use relume::scene::Geometry;
+use relume::transfer::{FORMAT_VERSION, Report};
+use relume::{Camera, Error, Light, LightKind, LightRig, Result, Transfer};
+use relume_io::{Imported, save_rig};
+use serde::Serialize;
+
+use crate::console::Console;
+use crate::output::{check_output, ending};
+use crate::report::{Table, bytes, count, percent, plural};
+use crate::scene_file;
+
+/// Show what is in a scene or a cache: counts, sizes, bytes per pixel, expected error.
+#[derive(Args)]
+#[command(after_help = EXAMPLE)]
+pub(crate) struct Arguments {
+    /// A scene (.glb, .gltf, .obj) or a cache (.relume).
+    file: PathBuf,
+    /// Write the lights stored in the scene as a rig.
+    #[arg(long, value_name = "OUT.toml")]
+    rig: Option<PathBuf>,
+    /// Print one JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLE: &str = "\
+Example:
+  relume info assets/arcade.glb
+The lights stored in a scene, as a rig:
+  relume info scene.glb --rig lights.toml";
+
+pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
+    let file = &arguments.file;
+    if ending(file).as_deref() == Some("relume") {
+        if arguments.rig.is_some() {
+            return Err(Error::file(file, "is a cache, which holds no lights; give --rig with the scene"));
+        }
+        let transfer = Transfer::load(file)?;
+        let shown = CacheContents::new(file, &transfer)?;
+        return if arguments.json { console.json(&shown) } else { console.result(&shown.to_string()) };
+    }
+    if let Some(rig) = &arguments.rig {
+        check_output(rig, "the name of a rig", &["toml"], &[file])?;
+    }
+    let imported = scene_file::read(file, console)?;
+    if let Some(rig) = &arguments.rig {
+        write_lights(&imported.scene.lights, rig, file)?;
+        let lights = plural(imported.scene.lights.lights.len(), "light", "lights");
+        console.notice(&format!("{lights} written to {}", rig.display()));
+    }
+    let shown = SceneContents::new(file, &imported);
+    if arguments.json { console.json(&shown) } else { console.result(&shown.to_string()) }
+}
+
+fn write_lights(lights: &LightRig, rig: &Path, scene: &Path) -> Result<()> {
+    if lights.lights.is_empty() {
+        return Err(Error::file(
+            scene,
+            "holds no lights (KHR_lights_punctual) to write as a rig; write one by hand",
+        ));
+    }
+    save_rig(lights, rig)
+}
+
+/// What `--json` prints of a scene.
+#[derive(Serialize)]
+struct SceneContents<'a> {
+    kind: &'static str,
+    scene: &'a Path,
+    meshes: usize,
+    instances: usize,
+    /// With every instance counted.
+    triangles: usize,
+    materials: usize,
+    textures: usize,
+    texture_bytes: usize,
+    cameras: Vec<CameraContents<'a>>,
+    lights: Vec<LightContents<'a>>,
+    /// Lowest and highest corner of the box round everything, metres, world space.
+    bounds: Option<[[f32; 3]; 2]>,
+    warnings: &'a [String],
+}
+
+#[derive(Serialize)]
+struct CameraContents<'a> {
+    name: &'a str,
+    position: [f32; 3],
+    vertical_fov_degrees: f32,
+}
+
+#[derive(Serialize)]
+struct LightContents<'a> {
+    name: &'a str,
+    r#type: &'static str,
+}
+
+impl<'a> SceneContents<'a> {
+    fn new(path: &'a Path, Imported { scene, warnings }: &'a Imported) -> Self {
+        let geometry = Geometry::new(scene);
+        Self {
+            kind: "scene",
+            scene: path,
+            meshes: scene.meshes.len(),
+            instances: scene.instances.len(),
+            triangles: geometry.triangles.len(),
+            materials: scene.materials.len(),
+            textures: scene.textures.len(),
+            texture_bytes: scene.textures.iter().map(|texture| size_of_val(&*texture.texels)).sum(),
+            cameras: scene.cameras.iter().map(CameraContents::new).collect(),
+            lights: scene.lights.lights.iter().map(LightContents::new).collect(),
+            bounds: geometry.bounds().map(|(low, high)| [low.to_array(), high.to_array()]),
+            warnings,
+        }
+    }
+}
+
+impl<'a> CameraContents<'a> {
+    fn new(camera: &'a Camera) -> Self {
+        Self {
+            name: &camera.name,
+            position: camera.position().to_array(),
+            vertical_fov_degrees: camera.vertical_fov.to_degrees(),
+        }
+    }
+}
+
+impl<'a> LightContents<'a> {
+    fn new(light: &'a Light) -> Self {
+        let kind = match light.kind {
+            LightKind::Omni { .. } => "omni",
+            LightKind::Spot { .. } => "spot",
+            LightKind::Distant { .. } => "distant",
+        };
+        Self { name: &light.name, r#type: kind }
+    }
+}
+
+fn point([x, y, z]: [f32; 3]) -> String {
+    format!("({x:.2}, {y:.2}, {z:.2})")
+}
+
+impl std::fmt::Display for SceneContents<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut table = Table::new();
+        table.line(
+            "geometry",
+            format!(
+                "{} triangles in {} of {}",
+                count(self.triangles as u64),
+                plural(self.instances, "instance", "instances"),
+                plural(self.meshes, "mesh", "meshes")
+            ),
+        );
+        table.line(
+            "materials",
+            format!(
+                "{}, {} in {}",
+                self.materials,
+                bytes(self.texture_bytes as u64),
+                plural(self.textures, "texture", "textures")
+            ),
+        );
+        for (number, camera) in self.cameras.iter().enumerate() {
+            table.line(
+                &format!("camera {number}"),
+                format!(
+                    "`{}` at {}, {:.1} degrees high",
+                    camera.name,
+                    point(camera.position),
+                    camera.vertical_fov_degrees
+                ),
+            );
+        }
+        for light in &self.lights {
+            table.line("light", format!("`{}`, {}", light.name, light.r#type));
+        }
+        if self.lights.is_empty() {
+            table.line("lights", "none in the file");
+        }
+        if let Some([low, high]) = self.bounds {
+            table.line("bounds", format!("{} to {} m", point(low), point(high)));
+        }
+        write!(f, "{table}")
+    }
+}
+
+/// What `--json` prints of a cache.
+#[derive(Serialize)]
+struct CacheContents<'a> {
+    kind: &'static str,
+    cache: &'a Path,
+    format_version: u32,
+    cache_bytes: u64,
+    bytes_per_pixel: f64,
+    width: usize,
+    height: usize,
+    lit_pixels: usize,
+    gather_samples: usize,
+    /// Sizes in memory, which are those in the file but for its header.
+    parts: Parts,
+    #[serde(flatten)]
+    report: &'a Report,
+}
+
+#[derive(Serialize)]
+struct Parts {
+    gather_bytes: usize,
+    bounce_bytes: usize,
+    view_samples_bytes: usize,
+    gather_samples_bytes: usize,
+    occluders_bytes: usize,
+}
+
+impl Parts {
+    fn of(transfer: &Transfer) -> Self {
+        let (view, cloud, occluders) = (&transfer.view, &transfer.cloud, &transfer.occluders);
+        let masks: usize = occluders.masks.masks.iter().map(|mask| size_of_val(&*mask.alpha)).sum();
+        Self {
+            gather_bytes: transfer.gather.bytes(),
+            bounce_bytes: transfer.bounce.bytes(),
+            view_samples_bytes: size_of_val(&*view.centers)
+                + size_of_val(&*view.quads)
+                + size_of_val(&*transfer.pixels),
+            gather_samples_bytes: size_of_val(&*cloud.samples) + size_of_val(&*cloud.sub_samples),
+            occluders_bytes: size_of_val(&*occluders.positions) + size_of_val(&*occluders.triangles) + masks,
+        }
+    }
+}
+
+impl<'a> CacheContents<'a> {
+    fn new(path: &'a Path, transfer: &'a Transfer) -> Result<Self> {
+        Ok(Self {
+            kind: "cache",
+            cache: path,
+            format_version: FORMAT_VERSION,
+            cache_bytes: path.metadata().map_err(|error| Error::io(path, "read", error))?.len(),
+            bytes_per_pixel: transfer.bytes_per_pixel(),
+            width: transfer.view.width,
+            height: transfer.view.height,
+            lit_pixels: transfer.pixels.len(),
+            gather_samples: transfer.cloud.len(),
+            parts: Parts::of(transfer),
+            report: &transfer.report,
+        })
+    }
+}
+
+/// The name by which a setting is chosen on the command line.
+fn setting_name(setting: impl Serialize) -> String {
+    match serde_json::to_value(setting) {
+        Ok(serde_json::Value::String(name)) => name,
+        _ => "unknown".to_owned(),
+    }
+}
+
+impl std::fmt::Display for CacheContents<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (report, parts) = (self.report, &self.parts);
+        let settings = &report.settings;
+        let size = |bytes_of: usize| bytes(bytes_of as u64);
+        let mut table = Table::new();
+        table.line(
+            "scene",
+            format!("{}, {} triangles, hash {}", report.scene, count(report.triangles), report.scene_hash),
+        );
+        table.line(
+            "image",
+            format!("{}x{}, {} pixels lit", self.width, self.height, count(self.lit_pixels as u64)),
+        );
+        table.line(
+            "prepared with",
+            format!(
+                "camera {}, {} gather samples, quality {}, encoding {}, rows {}, seed {}",
+                settings.camera,
+                count(self.gather_samples as u64),
+                setting_name(settings.quality),
+                setting_name(settings.encoding),
+                setting_name(settings.rows),
+                settings.seed
+            ),
+        );
+        table.line("transfer", format!("{:.1} bytes a pixel", self.bytes_per_pixel));
+        table.line("  final gather", size(parts.gather_bytes));
+        table.line("  bounces", size(parts.bounce_bytes));
+        table.line("view samples", size(parts.view_samples_bytes));
+        table.line("gather samples", size(parts.gather_samples_bytes));
+        table.line("triangles and masks", size(parts.occluders_bytes));
+        table.line("file", format!("{}, format {}", bytes(self.cache_bytes), self.format_version));
+        table.line(
+            "encoding error",
+            format!(
+                "{} final gather, {} bounces (expected)",
+                percent(report.gather_error),
+                percent(report.bounce_error)
+            ),
+        );
+        table.line(
+            "rays",
+            format!(
+                "{:.0} a lit pixel, {:.0} a gather sample",
+                report.rays_per_pixel, report.rays_per_gather_sample
+            ),
+        );
+        write!(f, "{table}")
+    }
+}

@@ -1,0 +1,9 @@
+//! One file a command.
+
+pub(crate) mod bench;
+pub(crate) mod compare;
+pub(crate) mod demo;
+pub(crate) mod info;
+pub(crate) mod prepare;
+pub(crate) mod reference;
+pub(crate) mod relight;

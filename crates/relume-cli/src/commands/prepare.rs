@@ -1,0 +1,256 @@
+//! `relume prepare`: from a scene to a cache.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+use relume::transfer::{Encoding, Quality, RowMethod, Settings};
+use relume::{Preparation, Result, Transfer};
+use serde::Serialize;
+
+use crate::arguments::{Threads, gather_count, image_size};
+use crate::console::Console;
+use crate::memory::peak_resident_bytes;
+use crate::output::check_output;
+use crate::report::{Table, bytes, count, duration, percent, plural};
+use crate::scene_file;
+
+/// Prepare a scene for one camera: everything that does not depend on the lights, kept in one file.
+///
+/// The file holds all that relighting needs and can be moved to another machine without the scene.
+#[derive(Args)]
+#[command(after_help = EXAMPLE)]
+pub(crate) struct Arguments {
+    /// The scene: .glb, .gltf or .obj.
+    scene: PathBuf,
+    /// The cache to write [default: the scene's name with the ending .relume, beside it].
+    #[arg(short, long, value_name = "CACHE.relume")]
+    output: Option<PathBuf>,
+    /// Width and height of the image in pixels.
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = image_size)]
+    size: (usize, usize),
+    /// The camera, by its name or number in the scene [default: the first].
+    #[arg(long, value_name = "NAME|INDEX")]
+    camera: Option<String>,
+    /// Points that light is gathered from, a power of four. More resolve light finer and take longer.
+    #[arg(long, value_name = "N", default_value = "65536", value_parser = gather_count)]
+    gather: usize,
+    /// How much time and space to spend.
+    #[arg(long, value_enum, default_value_t)]
+    quality: QualityName,
+    /// How the transfer is stored.
+    #[arg(long, value_enum, default_value_t)]
+    encoding: EncodingName,
+    /// Coefficients that haar-rows keeps a row, 1 to 4096.
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=4096))]
+    coefficients: u16,
+    /// How the transfer is estimated.
+    #[arg(long, value_enum, default_value_t)]
+    rows: RowsName,
+    /// Seed of all random numbers.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u32,
+    #[command(flatten)]
+    threads: Threads,
+    /// Print one JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLE: &str = "\
+Example:
+  relume prepare assets/arcade.glb -o arcade.relume --size 640x480 --quality standard";
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum QualityName {
+    /// For a first look.
+    Draft,
+    /// For lighting.
+    #[default]
+    Standard,
+    /// For the last picture.
+    Final,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+enum EncodingName {
+    /// Blocks of pixels share a basis; small and fast.
+    #[default]
+    LowRank,
+    /// Every pixel keeps its own Haar coefficients (Hasan 2006), for comparison.
+    HaarRows,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum RowsName {
+    /// Hemisphere rays and form factors, balanced.
+    #[default]
+    Balanced,
+    /// The paper's cluster cut with clamped entries, for comparison.
+    Paper,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Figures<'a> {
+    scene: &'a Path,
+    cache: &'a Path,
+    /// Everything from reading the scene to the cache on disk.
+    seconds: f64,
+    /// `null` where the system does not tell.
+    peak_rss_bytes: Option<u64>,
+    cache_bytes: u64,
+    bytes_per_pixel: f64,
+    rays_per_pixel: f64,
+    rays_per_gather_sample: f64,
+    gather_bytes: usize,
+    bounce_bytes: usize,
+    gather_encoding_error: f64,
+    bounce_encoding_error: f64,
+    triangles: u64,
+    gather_samples: usize,
+    lit_pixels: usize,
+    scene_hash: &'a str,
+    threads: usize,
+    settings: &'a Settings,
+    stages: Vec<Stage<'a>>,
+    warnings: &'a [String],
+}
+
+#[derive(Serialize)]
+struct Stage<'a> {
+    name: &'a str,
+    seconds: f64,
+}
+
+pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
+    let began = Instant::now();
+    let cache = arguments.output.clone().unwrap_or_else(|| arguments.scene.with_extension("relume"));
+    check_output(&cache, "the name of a cache", &["relume"], &[&arguments.scene])?;
+    arguments.threads.start()?;
+    let imported = scene_file::read(&arguments.scene, console)?;
+    let read = began.elapsed().as_secs_f64();
+    let camera = scene_file::camera(&imported.scene, arguments.camera.as_deref(), &arguments.scene)?;
+    let transfer = Preparation::new(&imported.scene)
+        .name(scene_file::name(&arguments.scene))
+        .settings(arguments.settings(camera))
+        .run(&console.progress())?;
+    let writing = Instant::now();
+    console.stage("writing the cache", || transfer.save(&cache))?;
+    let mut stages = vec![Stage { name: "reading the scene", seconds: read }];
+    let between = transfer.timings.stages.iter();
+    stages.extend(between.map(|(name, seconds)| Stage { name, seconds: *seconds }));
+    stages.push(Stage { name: "writing the cache", seconds: writing.elapsed().as_secs_f64() });
+    let figures = Figures {
+        scene: &arguments.scene,
+        cache: &cache,
+        seconds: began.elapsed().as_secs_f64(),
+        peak_rss_bytes: peak_resident_bytes(),
+        cache_bytes: cache.metadata().map_err(|error| relume::Error::io(&cache, "read", error))?.len(),
+        stages,
+        warnings: &imported.warnings,
+        ..Figures::of(&transfer)
+    };
+    if arguments.json { console.json(&figures) } else { console.result(&figures.to_string()) }
+}
+
+impl Arguments {
+    fn settings(&self, camera: usize) -> Settings {
+        Settings {
+            size: self.size,
+            camera,
+            gather: self.gather,
+            quality: match self.quality {
+                QualityName::Draft => Quality::Draft,
+                QualityName::Standard => Quality::Standard,
+                QualityName::Final => Quality::Final,
+            },
+            encoding: match self.encoding {
+                EncodingName::LowRank => Encoding::LowRank,
+                EncodingName::HaarRows => Encoding::HaarRows,
+            },
+            rows: match self.rows {
+                RowsName::Balanced => RowMethod::Balanced,
+                RowsName::Paper => RowMethod::Paper,
+            },
+            coefficients: usize::from(self.coefficients),
+            seed: self.seed,
+        }
+    }
+}
+
+impl<'a> Figures<'a> {
+    /// What the transfer itself tells.
+    fn of(transfer: &'a Transfer) -> Self {
+        let report = &transfer.report;
+        Self {
+            scene: Path::new(""),
+            cache: Path::new(""),
+            seconds: 0.0,
+            peak_rss_bytes: None,
+            cache_bytes: 0,
+            bytes_per_pixel: transfer.bytes_per_pixel(),
+            rays_per_pixel: report.rays_per_pixel,
+            rays_per_gather_sample: report.rays_per_gather_sample,
+            gather_bytes: transfer.gather.bytes(),
+            bounce_bytes: transfer.bounce.bytes(),
+            gather_encoding_error: report.gather_error,
+            bounce_encoding_error: report.bounce_error,
+            triangles: report.triangles,
+            gather_samples: transfer.cloud.len(),
+            lit_pixels: transfer.pixels.len(),
+            scene_hash: &report.scene_hash,
+            threads: rayon::current_num_threads(),
+            settings: &report.settings,
+            stages: Vec::new(),
+            warnings: &[],
+        }
+    }
+}
+
+impl std::fmt::Display for Figures<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (width, height) = self.settings.size;
+        let mut table = Table::new();
+        table.line("image", format!("{width}x{height}, {} pixels lit", count(self.lit_pixels as u64)));
+        table.line(
+            "scene",
+            format!(
+                "{} triangles, {} gather samples",
+                count(self.triangles),
+                count(self.gather_samples as u64)
+            ),
+        );
+        let threads = plural(self.threads, "thread", "threads");
+        table.line("time", format!("{} on {threads}", duration(self.seconds)));
+        for stage in &self.stages {
+            table.line(&format!("  {}", stage.name), duration(stage.seconds));
+        }
+        table.line(
+            "rays",
+            format!(
+                "{:.0} a lit pixel, {:.0} a gather sample",
+                self.rays_per_pixel, self.rays_per_gather_sample
+            ),
+        );
+        let operators = (bytes(self.gather_bytes as u64), bytes(self.bounce_bytes as u64));
+        table.line(
+            "transfer",
+            format!(
+                "{:.1} bytes a pixel: final gather {}, bounces {}",
+                self.bytes_per_pixel, operators.0, operators.1
+            ),
+        );
+        table.line(
+            "encoding error",
+            format!(
+                "{} final gather, {} bounces (expected)",
+                percent(self.gather_encoding_error),
+                percent(self.bounce_encoding_error)
+            ),
+        );
+        table.line("cache", format!("{}, {}", self.cache.display(), bytes(self.cache_bytes)));
+        table.line("peak memory", self.peak_rss_bytes.map_or("not known".to_owned(), bytes));
+        write!(f, "{table}")
+    }
+}

@@ -1,0 +1,7 @@
+//! The command as people run it: every subcommand end to end on a small room, and every refusal.
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+mod determinism;
+mod jobs;
+mod refusals;
+mod support;

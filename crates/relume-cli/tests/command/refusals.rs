@@ -1,0 +1,171 @@
+use crate::support::{RIG, Workplace};
+
+const RELIGHT: [&str; 6] = ["relight", "room.relume", "--rig", "rig.toml", "-o", "out.exr"];
+
+/// The same with one argument replaced.
+fn with<'a>(arguments: &[&'a str], old: &str, new: &'a str) -> Vec<&'a str> {
+    assert!(arguments.contains(&old));
+    arguments.iter().map(|&argument| if argument == old { new } else { argument }).collect()
+}
+
+#[test]
+fn outputs_are_refused_before_any_work() {
+    let work = Workplace::new();
+    // None of these comes as far as to find that there is no cache and no such scene.
+    work.refused(
+        &with(&RELIGHT, "out.exr", "out.jpg"),
+        2,
+        "out.jpg: the name of an image must end in .exr or .png",
+    );
+    work.refused(&with(&RELIGHT, "out.exr", "no/out.exr"), 2, "the folder no does not exist; create it");
+    work.refused(
+        &["prepare", "none.glb", "-o", "out.zip"],
+        2,
+        "out.zip: the name of a cache must end in .relume",
+    );
+    work.refused(
+        &["info", "none.glb", "--rig", "out.txt"],
+        2,
+        "out.txt: the name of a rig must end in .toml",
+    );
+    let reference = ["reference", "none.glb", "--rig", "none.toml", "--spp", "1", "-o", "no/out.exr"];
+    work.refused(&reference, 2, "the folder no does not exist; create it");
+    work.refused(&[&with(&RELIGHT, "out.exr", "out.png")[..], &["--per-light"]].concat(), 2, "write an .exr");
+}
+
+#[test]
+fn inputs_are_never_overwritten() {
+    let work = Workplace::new();
+    work.write("a.exr", b"");
+    work.refused(
+        &["relight", "a.exr", "--rig", "rig.toml", "-o", "./a.exr"],
+        2,
+        "is an input of this command",
+    );
+    work.write("b.png", b"");
+    work.refused(&["compare", "a.exr", "b.png", "--diff", "b.png"], 2, "is an input of this command");
+    work.write("scene.relume", b"");
+    work.refused(&["prepare", "scene.relume"], 2, "is an input of this command");
+    assert!(work.read("a.exr").is_empty());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_folder_that_cannot_be_written_fails_the_job() {
+    let work = Workplace::new();
+    work.refused(&with(&RELIGHT, "out.exr", "/proc/out.exr"), 1, "/proc/out.exr: cannot write");
+    work.refused(&["demo", "--out", "/proc/relume-demo"], 1, "/proc/relume-demo: cannot write");
+    work.refused(&["demo", "--out", "rig.toml"], 2, "is no folder");
+}
+
+#[test]
+fn missing_files_are_named() {
+    let work = Workplace::prepared();
+    work.refused(&["prepare", "none.glb"], 2, "none.glb: cannot read");
+    work.refused(&["info", "none.glb"], 2, "none.glb: cannot read");
+    work.refused(&["info", "none.relume"], 2, "none.relume: cannot read");
+    work.refused(&["compare", "none.exr", "none.exr"], 2, "none.exr: cannot read");
+    work.refused(&with(&RELIGHT, "room.relume", "none.relume"), 2, "none.relume: cannot read");
+    work.refused(&with(&RELIGHT, "rig.toml", "none.toml"), 2, "none.toml: cannot read");
+    work.refused(&["prepare", "rig.toml", "-o", "a.relume"], 2, "rig.toml: `.toml` files cannot be imported");
+}
+
+#[test]
+fn damaged_and_foreign_caches_are_refused() {
+    let work = Workplace::prepared();
+    let whole = work.read("room.relume");
+    work.succeed(&RELIGHT);
+    std::fs::remove_file(work.path("out.exr")).unwrap();
+    let refused = |bytes: &[u8], what: &str| {
+        work.write("damaged.relume", bytes);
+        let arguments = with(&RELIGHT, "room.relume", "damaged.relume");
+        let ran = work.run(&arguments);
+        assert_eq!(ran.status, 2, "{what}: {}", ran.stderr);
+        let told: Vec<&str> =
+            ran.stderr.lines().filter(|line| line.starts_with("error: damaged.relume: ")).collect();
+        assert_eq!(told.len(), 1, "{what}: {}", ran.stderr);
+        assert!(!work.path("out.exr").exists(), "{what}");
+    };
+    for length in [0, 7, 100, whole.len() / 2, whole.len() - 1] {
+        refused(&whole[..length], &format!("cut to {length} bytes"));
+    }
+    // From the header's length over its text into the arrays.
+    for place in [0, 4, 9, 300, whole.len() / 3, whole.len() / 2, whole.len() - 1] {
+        let mut altered = whole.clone();
+        altered[place] ^= 4;
+        refused(&altered, &format!("byte {place} altered"));
+    }
+    refused(b"not a cache at all, but a text that is long enough to be one", "a text");
+    refused(&work.read("room.gltf"), "a scene");
+    work.refused(&["info", "damaged.relume"], 2, "damaged.relume: ");
+    work.refused(&["bench", "damaged.relume", "--rig", "rig.toml"], 2, "damaged.relume: ");
+}
+
+#[test]
+fn rigs_are_refused_with_the_line() {
+    let work = Workplace::prepared();
+    let refused = |old: &str, new: &str, part: &str| {
+        assert!(RIG.contains(old));
+        work.write("wrong.toml", RIG.replacen(old, new, 1).as_bytes());
+        work.refused(&with(&RELIGHT, "rig.toml", "wrong.toml"), 2, part);
+        let reference = ["reference", "room.gltf", "--rig", "wrong.toml", "--spp", "1", "-o", "out.exr"];
+        work.refused(&reference, 2, part);
+    };
+    refused("[20.0, 18.0, 15.0]", "[20.0, nan, 15.0]", "wrong.toml: line 7: ");
+    refused("inner_angle", "inner_angel", "wrong.toml: line 8: ");
+    refused("target = [-1.0, 0.5, -1.0]\n", "", "wrong.toml: line 2: ");
+    refused("[1.0, 1.0, 2.0]", "[1.0, -1.0, 2.0]", "wrong.toml: line 15: ");
+}
+
+#[test]
+fn usage_is_refused_with_status_2() {
+    let work = Workplace::new();
+    for wrong in [
+        &["prepare", "room.gltf", "--size", "640"][..],
+        &["prepare", "room.gltf", "--size", "0x480"],
+        &["prepare", "room.gltf", "--gather", "1000"],
+        &["prepare", "room.gltf", "--quality", "best"],
+        &["prepare", "room.gltf", "--threads", "0"],
+        &["prepare", "room.gltf", "--threads", "-1"],
+        &["prepare", "room.gltf", "--coefficients", "0"],
+        &["prepare"],
+        &["relight", "room.relume"],
+        &["relight", "room.relume", "--rig", "rig.toml", "-o", "a.exr", "--aa", "3"],
+        &["reference", "room.gltf", "--rig", "rig.toml", "-o", "a.exr"],
+        &["reference", "room.gltf", "--rig", "rig.toml", "-o", "a.exr", "--spp", "0"],
+        &["bench", "room.relume", "--rig", "rig.toml", "--frames", "0"],
+        &["polish"],
+        &[],
+    ] {
+        let ran = work.run(wrong);
+        assert_eq!((ran.status, ran.stdout.as_str()), (2, ""), "{wrong:?}: {}", ran.stderr);
+    }
+    let size = work.run(&["prepare", "room.gltf", "--size", "640"]).stderr;
+    assert!(size.contains("write WIDTHxHEIGHT in pixels"), "{size}");
+}
+
+#[test]
+fn what_is_asked_for_must_be_there() {
+    let work = Workplace::prepared();
+    work.refused(
+        &["prepare", "room.gltf", "--camera", "top"],
+        2,
+        "has no camera `top`; it has 0 `front`, 1 `close`",
+    );
+    work.refused(&["bench", "room.relume", "--rig", "rig.toml", "--light", "sun"], 2, "`key`, `fill`");
+    work.refused(&["info", "room.relume", "--rig", "a.toml"], 2, "is a cache, which holds no lights");
+    work.write("quad.obj", b"v -1 0 1\nv 1 0 1\nv 1 0 -1\nf 1 2 3\n");
+    work.refused(&["info", "quad.obj", "--rig", "a.toml"], 2, "holds no lights");
+    work.succeed(&[&RELIGHT[..], &["--only", "direct"]].concat());
+    work.succeed(&with(&RELIGHT, "out.exr", "out.png"));
+    work.refused(
+        &["compare", "out.png", "out.png", "--layer", "direct"],
+        2,
+        "out.png: has no layer `direct`",
+    );
+    work.refused(&["compare", "out.exr", "rig.toml"], 2, "rig.toml: is of a kind Relume does not read");
+    let small =
+        ["reference", "room.gltf", "--rig", "rig.toml", "-o", "small.exr", "--spp", "1", "--size", "8x8"];
+    work.succeed(&small);
+    work.refused(&["compare", "out.exr", "small.exr"], 2, "compare images of one size");
+}

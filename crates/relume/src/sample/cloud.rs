@@ -166,7 +166,7 @@ impl GatherCloud {
         progress.advance(1);
         let (patches, mut map) = build.patches(facets, count)?;
         progress.advance(1);
-        let keys: Vec<_> = patches.iter().map(|(patch, openness)| patch.key(*openness, diagonal)).collect();
+        let keys: Vec<_> = patches.iter().map(|patch| patch.key(diagonal)).collect();
         let order = tree::order(&keys);
         progress.advance(1);
         let mut cloud = Self::default();
@@ -175,7 +175,7 @@ impl GatherCloud {
         for size in tree::leaf_sizes(order.len(), count) {
             let (members, after) = rest.split_at(size);
             rest = after;
-            let members: Vec<&Patch> = members.iter().map(|&member| &patches[member as usize].0).collect();
+            let members: Vec<&Patch> = members.iter().map(|&member| &patches[member as usize]).collect();
             for patch in &members {
                 sample_of_cell[patch.cell as usize] = cloud.samples.len() as u32;
             }
@@ -189,9 +189,11 @@ impl GatherCloud {
     /// Adds a sample that stands for all of `members`.
     fn push(&mut self, members: &[&Patch]) {
         let area: f32 = members.iter().map(|patch| patch.area).sum();
-        let mean = |of: fn(&Patch) -> Vec3| {
-            members.iter().map(|patch| of(patch) * patch.area).sum::<Vec3>() / area.max(1e-30)
-        };
+        // What lies open is seen, and lit, more than what is covered: it speaks for the whole by that much more.
+        let total: f32 = members.iter().map(|patch| patch.area * patch.openness).sum();
+        let share = |patch: &Patch| patch.area * patch.openness / total.max(1e-30);
+        let mean =
+            |of: fn(&Patch) -> Vec3| members.iter().map(|patch| of(patch) * share(patch)).sum::<Vec3>();
         let (middle, facing) = (mean(|patch| patch.position), mean(|patch| patch.normal));
         // the most typical point: near the middle, and facing as the patch does
         let unlike = |patch: &Patch| {
@@ -215,7 +217,7 @@ impl GatherCloud {
             albedo: PackedUnit::new(patch.albedo),
             weight: (share * 65535.0).round() as u16,
         };
-        self.sub_samples.extend(members.iter().map(|patch| sub_sample(patch, patch.area / area.max(1e-30))));
+        self.sub_samples.extend(members.iter().map(|patch| sub_sample(patch, share(patch))));
         let padding = SUB_SAMPLES.saturating_sub(members.len());
         self.sub_samples.extend((0..padding).map(|_| sub_sample(members[0], 0.0)));
     }
@@ -248,13 +250,15 @@ struct Patch {
     normal: Vec3,
     triangle: u32,
     area: f32,
+    /// See [`reach::Surroundings`].
+    openness: f32,
     albedo: Vec3,
     emission: Vec3,
 }
 
 impl Patch {
-    fn key(&self, openness: f32, diagonal: f32) -> tree::Key {
-        tree::key(self.position, self.normal, openness, diagonal)
+    fn key(&self, diagonal: f32) -> tree::Key {
+        tree::key(self.position, self.normal, self.openness, diagonal)
     }
 }
 
@@ -280,7 +284,7 @@ impl Build<'_> {
         if facets.is_empty() {
             return Err(nothing());
         }
-        let (cells, map, surroundings) = self.explored(&mut facets, count, COARSE_RAYS);
+        let (cells, map, surroundings) = self.explored(&mut facets, count, (COARSE_RAYS, 1.0));
         let reached = reach::reached(self.geometry, &surroundings, &map, self.seen);
         let facets = reach::keep_reached(&cells, &reached, facets);
         if facets.is_empty() { Err(nothing()) } else { Ok(facets) }
@@ -290,28 +294,26 @@ impl Build<'_> {
         &self,
         facets: &mut [Facet],
         count: usize,
-        rays: usize,
+        (rays, scale): (usize, f32),
     ) -> (Vec<Cell>, CellMap, Vec<reach::Surroundings>) {
         let cells = cells::split(self.geometry, facets, count, tree::normal_scale(self.diagonal));
         let map = CellMap::new(self.geometry.triangles.len(), &cells);
-        let area: f64 = facets.iter().map(|facet| f64::from(facet.area)).sum();
-        let scale = (area / count as f64).sqrt() as f32;
         let found = reach::explore(self.geometry, self.accel, &cells, &map, (rays, scale), self.seed);
         (cells, map, found)
     }
 
     /// Fine patches of all reached surfaces, `SUB_SAMPLES` for each of `count` gather samples or a few less, and how open
     /// each lies. Patches in the holes of alpha masks, or that nothing reaches, are left out.
-    fn patches(&self, mut facets: Vec<Facet>, count: usize) -> Result<(Vec<(Patch, f32)>, CellMap)> {
-        let (cells, map, surroundings) = self.explored(&mut facets, SUB_SAMPLES * count, FINE_RAYS);
+    fn patches(&self, mut facets: Vec<Facet>, count: usize) -> Result<(Vec<Patch>, CellMap)> {
+        let area: f64 = facets.iter().map(|facet| f64::from(facet.area)).sum();
+        let scale = (area / count as f64).sqrt() as f32; // the size of a gather sample's patch
+        let (cells, map, surroundings) = self.explored(&mut facets, SUB_SAMPLES * count, (FINE_RAYS, scale));
         let reached = reach::reached(self.geometry, &surroundings, &map, self.seen);
-        let patches: Vec<(Patch, f32)> = cells
+        let patches: Vec<Patch> = cells
             .par_iter()
             .enumerate()
             .filter(|&(cell, _)| reached[cell])
-            .filter_map(|(cell, shape)| {
-                self.patch(cell as u32, shape).map(|patch| (patch, surroundings[cell].openness))
-            })
+            .filter_map(|(cell, shape)| self.patch(cell as u32, shape, &surroundings[cell]))
             .collect();
         if patches.len() < count {
             return Err(Error::Setting(format!(
@@ -321,7 +323,7 @@ impl Build<'_> {
         Ok((patches, map))
     }
 
-    fn patch(&self, cell: u32, shape: &Cell) -> Option<Patch> {
+    fn patch(&self, cell: u32, shape: &Cell, found: &reach::Surroundings) -> Option<Patch> {
         let points = shape.points(self.geometry, 1, hash(cell, self.seed));
         let (facet, uv) = points.first()?;
         if !self.accel.masks().is_solid(facet.triangle, uv.x, uv.y) {
@@ -335,6 +337,7 @@ impl Build<'_> {
             normal: facet.normal,
             triangle: facet.triangle,
             area: shape.area(geometry),
+            openness: found.openness.max(1e-3),
             albedo: surface.hemispherical_reflectance(),
             emission: surface.emission,
         })

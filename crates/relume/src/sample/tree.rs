@@ -14,13 +14,15 @@ const AXES: usize = 7;
 
 /// Weight of positions in eq. 9; the paper found 20 to 40 good.
 const POSITION_WEIGHT: f32 = 30.0;
+/// Weight of openness against normals.
+const OPENNESS_WEIGHT: f32 = 2.0;
 /// Rounds of k-means a split may take; it mostly settles in fewer.
 const ROUNDS: usize = 12;
 
 /// The key of a sample in a scene whose bounding box has a diagonal of `diagonal` metres.
 pub(super) fn key(position: Vec3, normal: Vec3, openness: f32, diagonal: f32) -> Key {
     let (p, n) = (position * POSITION_WEIGHT, normal * diagonal);
-    [p.x, p.y, p.z, n.x, n.y, n.z, openness * diagonal]
+    [p.x, p.y, p.z, n.x, n.y, n.z, openness * diagonal * OPENNESS_WEIGHT]
 }
 
 /// Metres that weigh as much as a difference of one between unit normals.

@@ -108,10 +108,10 @@ impl Quality {
                 training_lights: 64,
             },
             Self::Standard => Effort {
-                gather_rows: rows(192, 4, 1e-4),
-                bounce_rows: rows(96, 3, 1e-3),
+                gather_rows: rows(192, 3, 1e-4),
+                bounce_rows: rows(96, 2, 1e-3),
                 gather_encoding: low_rank(16, 4096),
-                bounce_encoding: low_rank(12, 1024),
+                bounce_encoding: low_rank(16, 2048),
                 block_edge: 32,
                 training_lights: 192,
             },
@@ -119,7 +119,7 @@ impl Quality {
                 gather_rows: rows(512, 6, 2e-5),
                 bounce_rows: rows(192, 4, 2e-4),
                 gather_encoding: low_rank(24, 8192),
-                bounce_encoding: low_rank(16, 2048),
+                bounce_encoding: low_rank(24, 4096),
                 block_edge: 32,
                 training_lights: 384,
             },
@@ -321,16 +321,7 @@ impl Shot<'_> {
         map: &CellMap,
         progress: &dyn Progress,
     ) -> Result<(Computed, Computed, Vec<u32>)> {
-        let mut effort = self.settings.quality.effort();
-        let env = |n: &str, d: usize| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d); // EXPERIMENT
-        effort.gather_encoding.rank = env("XR", effort.gather_encoding.rank);
-        effort.gather_encoding.kept = env("XK", effort.gather_encoding.kept);
-        effort.bounce_encoding.rank = env("XBR", effort.bounce_encoding.rank);
-        effort.bounce_encoding.kept = env("XBK", effort.bounce_encoding.kept);
-        effort.block_edge = env("XB", effort.block_edge);
-        effort.training_lights = env("XT", effort.training_lights);
-        effort.gather_rows.hemisphere_rays = env("XH", effort.gather_rows.hemisphere_rays);
-        effort.gather_rows.probes = env("XP", effort.gather_rows.probes);
+        let effort = self.settings.quality.effort();
         let seed = self.settings.seed;
         let patches = Patches::new(cloud);
         let bounds = ClusterBounds::new(cloud);

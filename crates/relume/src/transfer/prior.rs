@@ -1,7 +1,7 @@
 //! The light prior: how much each wavelet coefficient of light on the cloud is expected to vary.
 //!
-//! Learned from random lights in the scene's free space, all of equal flux: narrow and wide spots, omnis and suns. The
-//! spread falls with the area of the basis function by far less than area-weighted selection assumes.
+//! Learned from random lights in the scene's free space: narrow and wide spots, omnis and suns, each scaled so that it
+//! carries the same energy on the cloud. The spread falls with the area of the basis function by far less than area-weighted selection assumes.
 
 use std::f32::consts::PI;
 
@@ -18,8 +18,7 @@ use crate::{Error, Result};
 
 /// Share of a coefficient's own measured variance in its prior; the rest is the mean of its level, so that a
 /// coefficient that no training light happened to touch is not thought impossible.
-static OWN_SHARE: std::sync::LazyLock<f64> =
-    std::sync::LazyLock::new(|| std::env::var("XO").ok().and_then(|v| v.parse().ok()).unwrap_or(0.6));
+const OWN_SHARE: f64 = 0.6;
 
 /// Random lights of unit flux in the free space around the cloud.
 pub(super) fn training_lights(cloud: &GatherCloud, accel: &Accel, count: usize, seed: u32) -> Vec<Light> {
@@ -94,15 +93,9 @@ pub(super) fn magnitudes(cloud: &GatherCloud, lights: &[Vec<Vec3>], bounce: Opti
         let bounced = bounce.map(|bounce| bounces::gather_bounces(bounce, &albedo, light, Some(4)).0);
         let light = bounced.as_deref().unwrap_or(light);
         let coefficients = Coefficients::new(light, &[]);
-        let l1: f64 = light.iter().map(|c| f64::from(c.element_sum())).sum::<f64>();
-        let l2: f64 = light.iter().map(|c| f64::from(c.length_squared())).sum::<f64>().sqrt();
-        let mode: i32 = std::env::var("XN").ok().and_then(|v| v.parse().ok()).unwrap_or(0);
-        let weight = match mode {
-            0 => 1.0,
-            1 => 1.0 / (l1 * l1 + 1e-30),
-            2 => 1.0 / (l2 * l2 + 1e-30),
-            _ => 1.0 / (l1 * l2 + 1e-30),
-        };
+        // Errors are relative to each image: a light that shines on little, and brightly, counts no more than others.
+        let energy: f64 = light.iter().map(|rgb| f64::from(rgb.length_squared())).sum();
+        let weight = if energy > 0.0 { 1.0 / energy } else { 0.0 };
         for (variance, rgb) in variance.iter_mut().zip(coefficients.as_slice()) {
             *variance += weight * rgb.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>();
         }
@@ -115,7 +108,7 @@ pub(super) fn magnitudes(cloud: &GatherCloud, lights: &[Vec<Vec3>], bounce: Opti
     }
     let blend = |index: usize| {
         let level = haar::level(index);
-        *OWN_SHARE * variance[index] + (1.0 - *OWN_SHARE) * sums[level] / members[level]
+        OWN_SHARE * variance[index] + (1.0 - OWN_SHARE) * sums[level] / members[level]
     };
     let total: f64 = (0..count).map(blend).sum::<f64>().max(1e-300);
     let scale = count as f64 / total;

@@ -64,6 +64,14 @@ struct Figures<'a> {
     comparison: Comparison,
     /// The reference's own relative L2 noise, where it is stored.
     reference_noise: Option<f64>,
+    /// `relative_l2` without the reference's noise, where that is stored.
+    relative_l2_less_noise: Option<f64>,
+}
+
+/// The relative L2 to what the reference would be without noise. The noise is independent of the image, so squares add
+/// up: `e^2 = (E^2 + N^2) / |mean|^2` with `|mean|^2 = |truth|^2 + N^2`. 0 where the noise drowns the difference.
+fn less_noise(error: f64, noise: f64) -> f64 {
+    ((error * error - noise * noise) / (1.0 - noise * noise).max(1e-12)).max(0.0).sqrt()
 }
 
 pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
@@ -85,12 +93,14 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     if let Some(diff) = &arguments.diff {
         write_shown(diff, &difference(&image, &reference), (0.0, Tonemap::Srgb))?;
     }
+    let relative_l2_less_noise = reference_noise.map(|noise| less_noise(comparison.relative_l2, noise));
     let figures = Figures {
         image: image_path,
         reference: reference_path,
         layer: arguments.layer,
         comparison,
         reference_noise,
+        relative_l2_less_noise,
     };
     if arguments.json { console.json(&figures) } else { console.result(&figures.to_string()) }
 }
@@ -153,6 +163,9 @@ impl std::fmt::Display for Figures<'_> {
         if let Some(noise) = self.reference_noise {
             table.line("reference's own noise", percent(noise));
         }
+        if let Some(error) = self.relative_l2_less_noise {
+            table.line("relative L2 less that noise", percent(error));
+        }
         write!(f, "{table}")
     }
 }
@@ -160,6 +173,15 @@ impl std::fmt::Display for Figures<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn noise_of_the_reference_is_taken_off_the_error() {
+        // truth of norm 1, an image off by 0.3, a reference whose noise has norm 0.4: all at right angles
+        let mean = (1.0_f64 + 0.16).sqrt();
+        let (error, noise) = ((0.09_f64 + 0.16).sqrt() / mean, 0.4 / mean);
+        assert!((less_noise(error, noise) - 0.3).abs() < 1e-12);
+        assert_eq!(less_noise(0.1, 0.2), 0.0);
+    }
 
     #[test]
     fn the_difference_is_red_above_and_blue_below() {

@@ -189,12 +189,18 @@ impl GatherCloud {
     /// Adds a sample that stands for all of `members`.
     fn push(&mut self, members: &[&Patch]) {
         let area: f32 = members.iter().map(|patch| patch.area).sum();
-        // What lies open is seen, and lit, more than what is covered: it speaks for the whole by that much more.
-        let total: f32 = members.iter().map(|patch| patch.area * patch.openness).sum();
-        let share = |patch: &Patch| patch.area * patch.openness / total.max(1e-30);
+        // What lies open counts for more than what is covered.
+        let open_area: f32 = members.iter().map(|patch| patch.area * patch.openness).sum();
+        let expected = |patch: &Patch| patch.area * patch.openness / open_area.max(1e-30);
+        let middle: Vec3 = members.iter().map(|patch| patch.position * expected(patch)).sum();
+        let facing: Vec3 = members.iter().map(|patch| patch.normal * expected(patch)).sum();
+        // The sample's light is the light of what is seen of it: each patch speaks by how often it was seen.
+        let sightings: f32 = members.iter().map(|patch| patch.sightings).sum();
+        let share = |patch: &Patch| {
+            (patch.sightings + PRIOR_SIGHTINGS * expected(patch)) / (sightings + PRIOR_SIGHTINGS)
+        };
         let mean =
             |of: fn(&Patch) -> Vec3| members.iter().map(|patch| of(patch) * share(patch)).sum::<Vec3>();
-        let (middle, facing) = (mean(|patch| patch.position), mean(|patch| patch.normal));
         // the most typical point: near the middle, and facing as the patch does
         let unlike = |patch: &Patch| {
             patch.position.distance_squared(middle) + area * patch.normal.distance_squared(facing)
@@ -252,6 +258,8 @@ struct Patch {
     area: f32,
     /// See [`reach::Surroundings`].
     openness: f32,
+    /// How often it was seen.
+    sightings: f32,
     albedo: Vec3,
     emission: Vec3,
 }
@@ -274,6 +282,8 @@ struct Build<'a> {
 
 /// Rays by which a coarse cell is found to be reached.
 const COARSE_RAYS: usize = 32;
+/// Sightings of a gather sample that weigh as much as what its patches' areas let expect.
+const PRIOR_SIGHTINGS: f32 = 4.0;
 /// Rays by which a fine patch is found to be reached, and how open it lies.
 const FINE_RAYS: usize = 8;
 
@@ -309,11 +319,15 @@ impl Build<'_> {
         let scale = (area / count as f64).sqrt() as f32; // the size of a gather sample's patch
         let (cells, map, surroundings) = self.explored(&mut facets, SUB_SAMPLES * count, (FINE_RAYS, scale));
         let reached = reach::reached(self.geometry, &surroundings, &map, self.seen);
+        let sightings =
+            reach::sightings(self.geometry, self.accel, &surroundings, &map, self.seen, self.seed);
         let patches: Vec<Patch> = cells
             .par_iter()
             .enumerate()
             .filter(|&(cell, _)| reached[cell])
-            .filter_map(|(cell, shape)| self.patch(cell as u32, shape, &surroundings[cell]))
+            .filter_map(|(cell, shape)| {
+                self.patch(cell as u32, shape, surroundings[cell].openness, sightings[cell])
+            })
             .collect();
         if patches.len() < count {
             return Err(Error::Setting(format!(
@@ -323,7 +337,7 @@ impl Build<'_> {
         Ok((patches, map))
     }
 
-    fn patch(&self, cell: u32, shape: &Cell, found: &reach::Surroundings) -> Option<Patch> {
+    fn patch(&self, cell: u32, shape: &Cell, openness: f32, sightings: f32) -> Option<Patch> {
         let points = shape.points(self.geometry, 1, hash(cell, self.seed));
         let (facet, uv) = points.first()?;
         if !self.accel.masks().is_solid(facet.triangle, uv.x, uv.y) {
@@ -337,7 +351,8 @@ impl Build<'_> {
             normal: facet.normal,
             triangle: facet.triangle,
             area: shape.area(geometry),
-            openness: found.openness.max(1e-3),
+            openness: openness.max(1e-3),
+            sightings,
             albedo: surface.hemispherical_reflectance(),
             emission: surface.emission,
         })

@@ -60,6 +60,53 @@ pub(super) fn explore(
     cells.par_iter().enumerate().with_min_len(64).map(explore).collect()
 }
 
+/// How often each cell is seen: by rays from the surfaces that the camera sees, which is how the final gather sees it,
+/// and, at a lower weight, by the rays that explored the other cells, which is how bounces see it.
+pub(super) fn sightings(
+    geometry: &Geometry,
+    accel: &Accel,
+    surroundings: &[Surroundings],
+    map: &CellMap,
+    seen: &[(Hit, Vec3)],
+    seed: u32,
+) -> Vec<f32> {
+    const RAYS: u32 = 32;
+    const BOUNCE_WEIGHT: f32 = 0.25;
+    let look = |mut counts: Vec<u32>, (index, (hit, direction)): (usize, &(Hit, Vec3))| {
+        if map.sample_at(geometry, hit, *direction).is_none() {
+            return counts;
+        }
+        let [a, b, c] = geometry.corners(hit.triangle as usize);
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        let normal = if normal.dot(*direction) > 0.0 { -normal } else { normal };
+        let origin = offset_origin(a + (b - a) * hit.u + (c - a) * hit.v, normal);
+        let seed = hash(index as u32, seed ^ 0x5164_7e11);
+        let ray = |ray| Ray::new(origin, cosine_hemisphere(normal, sobol_2d(ray, 0, seed)));
+        let rays: Vec<Ray> = (0..RAYS).map(ray).collect();
+        let mut hits = vec![Hit::MISS; rays.len()];
+        accel.closest_batch(&rays, &mut hits);
+        for (ray, hit) in rays.iter().zip(&hits) {
+            if let Some(cell) = map.sample_at(geometry, hit, ray.direction) {
+                counts[cell] += 1;
+            }
+        }
+        counts
+    };
+    let add = |mut a: Vec<u32>, b: Vec<u32>| {
+        a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+        a
+    };
+    // whole numbers, so that the order of the sums does not matter; few tasks, since each counts for all cells
+    let none = || vec![0_u32; surroundings.len()];
+    let task = (seen.len() / 16).max(1024);
+    let counts = seen.par_iter().enumerate().with_min_len(task).fold(none, look).reduce(none, add);
+    let mut sightings: Vec<f32> = counts.into_iter().map(|count| count as f32).collect();
+    for &cell in surroundings.iter().flat_map(|cell| &cell.links) {
+        sightings[cell as usize] += BOUNCE_WEIGHT;
+    }
+    sightings
+}
+
 /// For each cell, whether light can leave it for the camera: it is `seen`, or linked to one that is by any chain.
 pub(super) fn reached(
     geometry: &Geometry,

@@ -1,3 +1,5 @@
 //! Scenes with known answers, shared by the tests.
 
+pub mod prepared;
 pub mod scenes;
+pub mod truth;

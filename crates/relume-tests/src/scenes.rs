@@ -3,7 +3,7 @@
 use std::f32::consts::{PI, TAU};
 
 use relume::glam::{Affine3A, Mat3, Vec2, Vec3};
-use relume::scene::{Geometry, Instance, Material, Mesh};
+use relume::scene::{Geometry, Instance, Material, Mesh, Texture};
 use relume::trace::Accel;
 use relume::{Camera, Light, LightKind, LightRig, Scene};
 
@@ -46,6 +46,44 @@ pub fn rig(lights: impl IntoIterator<Item = LightKind>) -> LightRig {
 /// An omni light.
 pub fn omni(position: Vec3, intensity: Vec3, radius: f32) -> LightKind {
     LightKind::Omni { position, intensity, radius }
+}
+
+/// A point light that shines within a cone, `angles` are the inner and the outer one in degrees from the axis.
+pub fn spot(position: Vec3, target: Vec3, intensity: Vec3, angles: (f32, f32)) -> LightKind {
+    let (inner_angle, outer_angle) = angles;
+    LightKind::Spot { position, target, intensity, inner_angle, outer_angle, radius: 0.0 }
+}
+
+/// A closed room of 4 x 3 x 5 metres with a box on its floor, all diffuse, seen from its back.
+pub fn box_room() -> TestScene {
+    let mut builder = SceneBuilder::new();
+    let wall = builder.material(lambertian(Vec3::new(0.7, 0.6, 0.5)));
+    let block = builder.material(lambertian(Vec3::new(0.2, 0.4, 0.7)));
+    builder
+        .room(Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0), wall)
+        .block(Vec3::new(1.1, 0.0, 1.2), Vec3::new(2.1, 1.3, 2.2), block)
+        .camera(Vec3::new(2.3, 1.6, 4.8), Vec3::new(2.0, 1.2, 0.0), 55.0);
+    builder.build()
+}
+
+/// A closed room with nothing in it, of one diffuse material, seen from one of its corners.
+pub fn empty_room(material: Material) -> TestScene {
+    let mut builder = SceneBuilder::new();
+    let material = builder.material(material);
+    builder.room(Vec3::ZERO, Vec3::new(2.0, 2.0, 3.0), material).camera(
+        Vec3::new(1.7, 1.6, 2.8),
+        Vec3::new(0.8, 0.7, 0.0),
+        60.0,
+    );
+    builder.build()
+}
+
+/// A hollow ball of radius 1 around the origin, of one diffuse material, seen from inside.
+pub fn integrating_sphere(material: Material) -> TestScene {
+    let mut builder = SceneBuilder::new();
+    let material = builder.material(material);
+    builder.sphere(Vec3::ZERO, 1.0, 32, true, material).camera(Vec3::new(0.0, 0.1, 0.5), Vec3::ZERO, 70.0);
+    builder.build()
 }
 
 impl SceneBuilder {
@@ -175,6 +213,23 @@ impl SceneBuilder {
             .quad(max, -z, -y, material)
     }
 
+    /// A block that stands on a floor: an axis-aligned box without a bottom, its front outside.
+    pub fn block(&mut self, min: Vec3, max: Vec3, material: usize) -> &mut Self {
+        let size = max - min;
+        let (x, y, z) = (Vec3::X * size.x, Vec3::Y * size.y, Vec3::Z * size.z);
+        self.quad(min, y, x, material)
+            .quad(min, z, y, material)
+            .quad(max, -z, -x, material)
+            .quad(max, -x, -y, material)
+            .quad(max, -y, -z, material)
+    }
+
+    /// Adds a texture; returns its index.
+    pub fn texture(&mut self, texture: Texture) -> usize {
+        self.scene.textures.push(texture);
+        self.scene.textures.len() - 1
+    }
+
     /// The scene, flattened and ready to be traced.
     pub fn build(self) -> TestScene {
         let scene = self.scene;
@@ -198,7 +253,8 @@ mod tests {
         builder
             .sphere(Vec3::ZERO, 1.0, 16, false, material)
             .sphere(Vec3::ZERO, 1.5, 16, true, material)
-            .room(Vec3::splat(-2.0), Vec3::splat(2.0), material);
+            .room(Vec3::splat(-2.0), Vec3::splat(2.0), material)
+            .block(Vec3::new(3.0, -1.0, -1.0), Vec3::new(5.0, 1.0, 1.0), material);
         let built = builder.build();
         for (i, axis) in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().enumerate() {
             for direction in [axis, -axis] {
@@ -210,6 +266,15 @@ mod tests {
                     assert_eq!(towards, front, "axis {i}, from {from}");
                 }
             }
+        }
+        let block = Vec3::new(4.01, 0.02, 0.03);
+        for axis in [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Z] {
+            // from inside the block its backs are seen
+            let hit = built.accel.closest(&Ray::new(block, axis));
+            assert!(
+                hit.is_hit() && built.geometry.area_vector(hit.triangle as usize).dot(axis) > 0.0,
+                "{axis}"
+            );
         }
         for normal in [Vec3::X, Vec3::NEG_Y, Vec3::new(1.0, 2.0, -3.0)] {
             let mut builder = SceneBuilder::new();

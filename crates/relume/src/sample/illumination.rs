@@ -58,6 +58,27 @@ struct Chunk<'a> {
     rays: u64,
 }
 
+/// What one ray a patch found.
+struct FirstRays {
+    /// By patch: the light was hidden from it.
+    hidden: Vec<bool>,
+    /// By group of neighbours: it was hidden from one of them.
+    any_hidden: Vec<bool>,
+    /// By group of neighbours: it was visible from one of them.
+    any_visible: Vec<bool>,
+}
+
+impl FirstRays {
+    fn new(patches: usize) -> Self {
+        let groups = patches.div_ceil(NEIGHBOURS);
+        Self {
+            hidden: vec![false; patches],
+            any_hidden: vec![false; groups],
+            any_visible: vec![false; groups],
+        }
+    }
+}
+
 impl<'a> Chunk<'a> {
     fn new(
         cloud: &'a GatherCloud,
@@ -86,14 +107,14 @@ impl<'a> Chunk<'a> {
         let refined: Vec<usize> = if self.light.needs_samples() {
             lit
         } else {
-            let (visible, blocked) = self.first_rays(&lit);
+            let found = self.first_rays(&lit);
             let mut refined = Vec::new();
             for &patch in &lit {
                 let group = patch / NEIGHBOURS;
                 let partly = self.quarters[patch].contains(&Vec3::ZERO);
-                if partly || (visible[group] && blocked[group].0) {
+                if partly || (found.any_visible[group] && found.any_hidden[group]) {
                     refined.push(patch);
-                } else if !blocked[group].1.contains(&patch) {
+                } else if !found.hidden[patch] {
                     radiance[patch] = self.quarters[patch].iter().sum();
                 }
             }
@@ -103,26 +124,21 @@ impl<'a> Chunk<'a> {
         (radiance, self.rays)
     }
 
-    /// One ray a patch. For each group of neighbours: whether any is visible; whether any is not, and which.
-    #[expect(clippy::type_complexity, reason = "a pair of per-group answers that only `run` reads")]
-    fn first_rays(&mut self, lit: &[usize]) -> (Vec<bool>, Vec<(bool, Vec<usize>)>) {
+    /// One ray for each patch of `lit`.
+    fn first_rays(&mut self, lit: &[usize]) -> FirstRays {
         let rays: Vec<Ray> =
             lit.iter().map(|&patch| self.ray(patch, brightest(&self.quarters[patch]), 0)).collect();
         let mut hidden = vec![false; rays.len()];
         self.accel.occluded_batch(&rays, &mut hidden);
         self.rays += rays.len() as u64;
-        let groups = self.quarters.len().div_ceil(NEIGHBOURS);
-        let (mut visible, mut blocked) = (vec![false; groups], vec![(false, Vec::new()); groups]);
+        let mut found = FirstRays::new(self.quarters.len());
         for (&patch, &hidden) in lit.iter().zip(&hidden) {
             let group = patch / NEIGHBOURS;
-            if hidden {
-                blocked[group].0 = true;
-                blocked[group].1.push(patch);
-            } else {
-                visible[group] = true;
-            }
+            found.hidden[patch] = hidden;
+            found.any_hidden[group] |= hidden;
+            found.any_visible[group] |= !hidden;
         }
-        (visible, blocked)
+        found
     }
 
     /// A ray for each lit quarter of each of `patches`.

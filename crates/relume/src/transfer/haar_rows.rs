@@ -67,7 +67,7 @@ pub(super) fn encode(x: &[f32], count: usize, per_row: usize) -> EncodedRows {
 
 impl HaarRows {
     pub(super) fn from_blocks(blocks: Vec<EncodedRows>, per_row: usize, count: usize) -> Self {
-        let wide = count > 1 << 16;
+        let (wide, per_row) = (count > 1 << 16, per_row.min(count));
         let indices = || blocks.iter().flat_map(|b| b.indices.iter().copied());
         Self {
             per_row,

@@ -1,0 +1,55 @@
+//! Test scenes on their way through preparation and relighting.
+
+use std::sync::Arc;
+
+use relume::glam::{DVec3, Vec3};
+use relume::image::{Image, Layers};
+use relume::relight::RelightSettings;
+use relume::transfer::{Quality, Settings};
+use relume::{LightRig, Preparation, Relighter, Transfer};
+
+use crate::scenes::TestScene;
+
+/// A draft of 32x24 pixels and 1024 gather samples: what is enough where only sameness is asked for.
+pub fn tiny() -> Settings {
+    Settings { size: (32, 24), gather: 1024, quality: Quality::Draft, ..Settings::default() }
+}
+
+/// Prepares a scene.
+///
+/// # Panics
+/// If it cannot be prepared.
+pub fn prepare(built: &TestScene, settings: Settings) -> Transfer {
+    Preparation::new(&built.scene).settings(settings).run(&()).expect("a scene that can be prepared")
+}
+
+/// Relights with an engine that has kept nothing.
+///
+/// # Panics
+/// If the settings are out of range.
+pub fn relight_afresh(transfer: &Arc<Transfer>, rig: &LightRig, settings: &RelightSettings) -> Layers {
+    Relighter::new(Arc::clone(transfer)).relight(rig, settings).expect("valid settings")
+}
+
+/// What each row of the final gather adds up to: the operator applied to ones.
+pub fn row_sums(transfer: &Transfer) -> Vec<f32> {
+    let ones = vec![Vec3::ONE; transfer.cloud.len()];
+    transfer.gather.apply(&ones).iter().map(|sum| sum.x).collect()
+}
+
+/// Smallest, mean and largest of some numbers.
+pub fn spread(values: &[f32]) -> [f64; 3] {
+    let values = || values.iter().map(|&value| f64::from(value));
+    let mean = values().sum::<f64>() / values().count().max(1) as f64;
+    [values().fold(f64::INFINITY, f64::min), mean, values().fold(f64::NEG_INFINITY, f64::max)]
+}
+
+/// The mean pixel.
+pub fn mean(image: &Image) -> DVec3 {
+    image.pixels.iter().map(|pixel| pixel.as_dvec3()).sum::<DVec3>() / image.pixels.len() as f64
+}
+
+/// An image of one colour, as large as `like`.
+pub fn flat(like: &Image, color: Vec3) -> Image {
+    Image { pixels: vec![color; like.pixels.len()], ..*like }
+}

@@ -1,0 +1,273 @@
+//! The cache file: what is read is what was written, and what is not whole is refused.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use relume::glam::Vec3;
+use relume::image::Layers;
+use relume::relight::RelightSettings;
+use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef, Wrap};
+use relume::transfer::{Encoding, FORMAT_VERSION, Quality, Settings};
+use relume::{Error, Transfer};
+use relume_tests::prepared::{prepare, relight_afresh};
+use relume_tests::scenes::{SceneBuilder, TestScene, emissive, lambertian, omni, rig};
+
+/// A room with a lamp and a masked sheet: something in every part of the file.
+fn everything() -> TestScene {
+    let mut builder = SceneBuilder::new();
+    let wall = builder.material(lambertian(Vec3::new(0.7, 0.6, 0.5)));
+    let lamp = builder.material(emissive(Vec3::ZERO, Vec3::new(9.0, 8.0, 7.0)));
+    let texels = (0..16).map(|i| [200, 100, 50, if i % 3 == 0 { 0 } else { 255 }]).collect();
+    let texture = builder.texture(Texture {
+        name: "leaf".into(),
+        width: 4,
+        height: 4,
+        texels,
+        color_space: ColorSpace::Srgb,
+        wrap: [Wrap::Repeat, Wrap::Mirror],
+    });
+    let leaf = builder.material(Material {
+        base_color_texture: Some(TextureRef::new(texture)),
+        alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
+        double_sided: true,
+        ..lambertian(Vec3::ONE)
+    });
+    builder
+        .room(Vec3::ZERO, Vec3::new(2.0, 2.0, 3.0), wall)
+        .quad(Vec3::new(0.4, 0.4, 1.0), Vec3::X, Vec3::Y, leaf)
+        .disc(Vec3::new(1.0, 1.9, 1.2), Vec3::NEG_Y, 0.3, 24, lamp)
+        .camera(Vec3::new(1.0, 1.0, 2.9), Vec3::new(1.0, 1.0, 0.0), 70.0);
+    builder.build()
+}
+
+fn small(encoding: Encoding) -> Transfer {
+    let settings =
+        Settings { size: (16, 12), gather: 256, quality: Quality::Draft, encoding, ..Settings::default() };
+    prepare(&everything(), settings)
+}
+
+fn relit(transfer: Transfer) -> Layers {
+    let lights =
+        rig([omni(Vec3::new(1.5, 1.0, 2.0), Vec3::new(2.0, 1.0, 0.5), 0.0), omni(Vec3::ONE, Vec3::ONE, 0.1)]);
+    let settings = RelightSettings { per_light: true, ..RelightSettings::default() };
+    relight_afresh(&Arc::new(transfer), &lights, &settings)
+}
+
+/// A folder with one cache in it, and that cache's bytes.
+struct Saved {
+    folder: tempfile::TempDir,
+    bytes: Vec<u8>,
+}
+
+impl Saved {
+    fn new(transfer: &Transfer) -> Self {
+        let folder = tempfile::tempdir().expect("a folder for temporary files");
+        let path = folder.path().join("shot.relume");
+        transfer.save(&path).expect("a folder that can be written");
+        let bytes = std::fs::read(&path).expect("the file just written");
+        Self { folder, bytes }
+    }
+
+    fn path(&self) -> PathBuf {
+        self.folder.path().join("shot.relume")
+    }
+
+    /// What loading `bytes` gives.
+    fn load(&self, bytes: &[u8]) -> relume::Result<Transfer> {
+        let path = self.folder.path().join("other.relume");
+        std::fs::write(&path, bytes).expect("a folder that can be written");
+        Transfer::load(&path)
+    }
+
+    /// The sentence by which `bytes` are refused.
+    fn refusal(&self, bytes: &[u8], what: &str) -> String {
+        let error = match self.load(bytes) {
+            Err(error) => error,
+            Ok(_) => panic!("{what} was accepted"),
+        };
+        assert!(matches!(error, Error::File { .. }) && error.is_bad_input(), "{what}: {error}");
+        let sentence = error.to_string();
+        assert!(sentence.contains("other.relume") && sentence.contains("prepare"), "{what}: {sentence}");
+        assert!(!sentence.contains('\n') && sentence.len() < 500, "{what}: {sentence}");
+        sentence
+    }
+
+    fn header_length(&self) -> usize {
+        let length: [u8; 8] = self.bytes[..8].try_into().expect("eight bytes");
+        u64::from_le_bytes(length) as usize
+    }
+}
+
+#[test]
+fn what_is_loaded_relights_as_what_was_saved() {
+    for encoding in [Encoding::LowRank, Encoding::HaarRows] {
+        let transfer = small(encoding);
+        let saved = Saved::new(&transfer);
+        let loaded = Transfer::load(saved.path()).unwrap();
+        assert_eq!(
+            (&loaded.report, &loaded.view, &loaded.cloud),
+            (&transfer.report, &transfer.view, &transfer.cloud)
+        );
+        assert_eq!(loaded.occluders.masks, transfer.occluders.masks);
+        assert!(!loaded.occluders.masks.masks.is_empty() && !loaded.view.center_emission.is_empty());
+        assert_eq!(loaded.bytes_per_pixel(), transfer.bytes_per_pixel());
+        let again = Saved::new(&loaded);
+        assert!(again.bytes == saved.bytes, "{encoding:?}: saved again it differs");
+        let (before, after) = (relit(transfer), relit(loaded));
+        assert!(before.direct == after.direct && before.indirect == after.indirect, "{encoding:?}");
+        assert_eq!(before.edges, after.edges);
+    }
+}
+
+#[test]
+fn a_loaded_file_may_be_replaced_while_it_is_used() {
+    let transfer = small(Encoding::LowRank);
+    let saved = Saved::new(&transfer);
+    let loaded = Transfer::load(saved.path()).unwrap();
+    small(Encoding::HaarRows).save(saved.path()).unwrap();
+    assert!(relit(loaded).indirect == relit(transfer).indirect);
+}
+
+#[test]
+fn every_truncation_is_refused() {
+    let saved = Saved::new(&small(Encoding::LowRank));
+    let (all, header) = (saved.bytes.len(), saved.header_length());
+    let mut lengths = vec![0, 1, 7, 8, 9, 8 + header / 2, 7 + header, 8 + header, 9 + header, all - 1];
+    lengths.extend((1..32).map(|part| all * part / 32));
+    for length in lengths {
+        saved.refusal(&saved.bytes[..length], &format!("the first {length} of {all} bytes"));
+    }
+    let longer = [&saved.bytes[..], &[0]].concat();
+    saved.refusal(&longer, "a byte too many");
+    saved.load(&saved.bytes).unwrap();
+}
+
+#[test]
+fn flipped_bytes_are_refused() {
+    let saved = Saved::new(&small(Encoding::LowRank));
+    let (all, header) = (saved.bytes.len(), saved.header_length());
+    // the header's every seventh byte, and two hundred spread over the arrays
+    let places = (0..8)
+        .chain((8..8 + header).step_by(7))
+        .chain((0..200).map(|i| header + 8 + i * (all - header - 8) / 200));
+    for place in places {
+        for mask in [0xff, 0x01, 0x10] {
+            let mut bytes = saved.bytes.clone();
+            bytes[place] ^= mask;
+            saved.refusal(&bytes, &format!("byte {place} of {all} changed by {mask:#x}"));
+        }
+    }
+}
+
+#[test]
+fn exchanged_arrays_are_refused() {
+    // two files of one kind, the arrays of one under the header of the other
+    let saved = Saved::new(&small(Encoding::LowRank));
+    let settings =
+        Settings { size: (16, 12), gather: 256, quality: Quality::Draft, seed: 1, ..Settings::default() };
+    let other = Saved::new(&prepare(&everything(), settings));
+    let cut = 8 + saved.header_length();
+    let mut bytes = saved.bytes[..cut].to_vec();
+    let arrays = &other.bytes[8 + other.header_length()..];
+    bytes.extend(arrays.iter().copied().chain(std::iter::repeat(0)).take(saved.bytes.len() - cut));
+    saved.refusal(&bytes, "another file's arrays");
+}
+
+#[test]
+fn foreign_files_are_refused() {
+    let saved = Saved::new(&small(Encoding::LowRank));
+    let header = br#"{"weight":{"dtype":"U8","shape":[4],"data_offsets":[0,4]}}"#;
+    let foreign = [&(header.len() as u64).to_le_bytes()[..], header, &[1, 2, 3, 4]].concat();
+    assert!(saved.refusal(&foreign, "another safetensors file").contains("not one that Relume wrote"));
+    let huge = [&u64::MAX.to_le_bytes()[..], &[b'{'; 64]].concat();
+    saved.refusal(&huge, "a header longer than memory");
+    saved.refusal(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "an OBJ file");
+    let missing = Transfer::load(saved.folder.path().join("none.relume")).unwrap_err();
+    assert!(missing.is_bad_input() && missing.to_string().contains("none.relume"), "{missing}");
+    let folder = Transfer::load(saved.folder.path()).unwrap_err();
+    assert!(folder.is_bad_input() && folder.to_string().contains("is no file"), "{folder}");
+}
+
+#[test]
+fn other_versions_are_named() {
+    let saved = Saved::new(&small(Encoding::LowRank));
+    let ours = format!(r#"version\":{FORMAT_VERSION}"#).into_bytes();
+    let place = saved.bytes.windows(ours.len()).position(|part| part == ours).unwrap();
+    for version in [FORMAT_VERSION - 1, FORMAT_VERSION + 1] {
+        let theirs = format!(r#"version\":{version}"#).into_bytes();
+        let mut bytes = saved.bytes.clone();
+        bytes[place..place + theirs.len()].copy_from_slice(&theirs);
+        let sentence = saved.refusal(&bytes, "another version");
+        assert!(sentence.contains(&format!("format {version}")), "{sentence}");
+        assert!(sentence.contains(&format!("format {FORMAT_VERSION}")), "{sentence}");
+    }
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).expect("the folder");
+    entries.map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned()).collect()
+}
+
+#[test]
+fn a_save_that_cannot_be_names_the_file_and_leaves_nothing() {
+    let transfer = small(Encoding::LowRank);
+    let folder = tempfile::tempdir().unwrap();
+    for path in [folder.path().join("missing/shot.relume"), folder.path().to_owned()] {
+        let error = transfer.save(&path).unwrap_err();
+        assert!(error.to_string().contains(&*path.to_string_lossy()), "{error}");
+    }
+    assert!(names(folder.path()).is_empty());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_folder_that_cannot_be_written_keeps_the_old_file() {
+    use std::os::unix::fs::PermissionsExt;
+    let saved = Saved::new(&small(Encoding::LowRank));
+    let with_mode = |mode| {
+        let permissions = std::fs::Permissions::from_mode(mode);
+        std::fs::set_permissions(saved.folder.path(), permissions).unwrap();
+    };
+    with_mode(0o555);
+    let refused = std::fs::write(saved.folder.path().join("probe"), b"x").is_err();
+    let outcome = small(Encoding::HaarRows).save(saved.path());
+    with_mode(0o755);
+    if !refused {
+        println!("skipped: this user may write anywhere");
+        return;
+    }
+    let error = outcome.unwrap_err();
+    assert!(error.to_string().contains("shot.relume: cannot write"), "{error}");
+    assert!(std::fs::read(saved.path()).unwrap() == saved.bytes);
+    assert_eq!(names(saved.folder.path()), ["shot.relume"]);
+}
+
+/// Where the process that is killed while it saves finds what to do.
+const CHILD: &str = "RELUME_TEST_SAVES_OVER";
+
+/// Not a test of its own: what [`a_killed_save_leaves_the_old_file`] runs in another process.
+#[test]
+fn child_that_saves() {
+    if let Some(path) = std::env::var_os(CHILD) {
+        Transfer::load(&path).unwrap().save(&path).unwrap();
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_killed_save_leaves_the_old_file() {
+    let saved = Saved::new(&small(Encoding::LowRank));
+    let saves = |limit: &str| {
+        // the system kills a process that writes past the limit, which is in blocks of 512 or 1024 bytes
+        let mut command = std::process::Command::new("sh");
+        command.args(["-c", &format!("ulimit -c 0; {limit} exec \"$0\" --exact child_that_saves")]);
+        command.arg(std::env::current_exe().unwrap()).env(CHILD, saved.path());
+        command.output().unwrap().status
+    };
+    assert!(saved.bytes.len() > 64 * 1024);
+    let killed = saves("ulimit -f 32;");
+    assert!(!killed.success(), "{killed}");
+    assert!(std::fs::read(saved.path()).unwrap() == saved.bytes, "the old file is whole");
+    Transfer::load(saved.path()).unwrap();
+    assert!(saves("").success(), "without the limit it saves");
+}

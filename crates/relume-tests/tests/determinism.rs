@@ -1,0 +1,60 @@
+//! The same input and seed give the same bytes, whatever the number of threads.
+
+use std::sync::Arc;
+
+use relume::glam::Vec3;
+use relume::relight::RelightSettings;
+use relume::transfer::{Encoding, RowMethod, Settings};
+use relume::{LightKind, LightRig};
+use relume_tests::prepared::{prepare, relight_afresh, tiny};
+use relume_tests::scenes::{box_room, omni, rig, spot};
+
+fn lights() -> LightRig {
+    rig([
+        omni(Vec3::new(2.6, 2.2, 2.6), Vec3::new(10.0, 8.0, 6.0), 0.0),
+        omni(Vec3::new(3.3, 0.9, 1.0), Vec3::splat(2.0), 0.2),
+        spot(Vec3::new(3.2, 2.6, 3.4), Vec3::new(1.6, 1.3, 1.7), Vec3::splat(50.0), (10.0, 20.0)),
+        LightKind::Distant { direction: Vec3::new(0.2, -1.0, 0.1), irradiance: Vec3::ONE, angle: 0.5 },
+    ])
+}
+
+/// The cache's bytes, and the pixels of a relit frame.
+fn outcome(threads: usize, settings: Settings) -> (Vec<u8>, Vec<Vec3>) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
+    pool.install(|| {
+        let built = box_room();
+        let transfer = Arc::new(prepare(&built, settings));
+        let folder = tempfile::tempdir().expect("a folder for temporary files");
+        let path = folder.path().join("shot.relume");
+        transfer.save(&path).expect("a folder that can be written");
+        let layers = relight_afresh(&transfer, &lights(), &RelightSettings::default());
+        let pixels = [layers.direct.pixels, layers.indirect.pixels].concat();
+        (std::fs::read(&path).expect("the file just written"), pixels)
+    })
+}
+
+#[test]
+fn threads_change_no_byte() {
+    let ways = [
+        tiny(),
+        Settings { encoding: Encoding::HaarRows, ..tiny() },
+        Settings { rows: RowMethod::Paper, ..tiny() },
+    ];
+    for settings in ways {
+        let one = outcome(1, settings.clone());
+        for threads in [2, 3] {
+            let other = outcome(threads, settings.clone());
+            assert!(one.0 == other.0, "{threads} threads change the cache of {settings:?}");
+            assert!(one.1 == other.1, "{threads} threads change the image of {settings:?}");
+        }
+    }
+}
+
+#[test]
+fn another_seed_gives_other_bytes_of_like_length() {
+    let settings = |seed| Settings { seed, ..tiny() };
+    let [a, b] = [0, 1].map(|seed| outcome(2, settings(seed)));
+    assert!(a.0 != b.0 && a.1 != b.1);
+    let ratio = a.0.len() as f64 / b.0.len() as f64;
+    assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+}

@@ -1,0 +1,269 @@
+//! Light adds up, colours factor out, and small steps of a light are small steps of the image.
+
+use std::sync::{Arc, OnceLock};
+
+use relume::glam::Vec3;
+use relume::image::metrics::relative_l2;
+use relume::image::{Image, Layers};
+use relume::relight::{EMISSION, Only, RelightSettings};
+use relume::{LightKind, LightRig, Relighter, Transfer};
+use relume_tests::prepared::{mean, prepare, relight_afresh, tiny};
+use relume_tests::scenes::{
+    SceneBuilder, TestScene, box_room, emissive, empty_room, lambertian, omni, rig, spot,
+};
+
+/// Sums of the same numbers in another order.
+const ROUNDING: f64 = 2e-6;
+
+fn shot() -> Arc<Transfer> {
+    static SHOT: OnceLock<Arc<Transfer>> = OnceLock::new();
+    Arc::clone(SHOT.get_or_init(|| Arc::new(prepare(&box_room(), tiny()))))
+}
+
+fn lights() -> LightRig {
+    rig([
+        omni(Vec3::new(2.6, 2.2, 2.6), Vec3::new(10.0, 8.0, 6.0), 0.0),
+        spot(Vec3::new(3.2, 2.6, 3.4), Vec3::new(1.6, 1.3, 1.7), Vec3::new(20.0, 30.0, 60.0), (10.0, 20.0)),
+        omni(Vec3::new(3.3, 0.9, 1.0), Vec3::new(1.0, 2.0, 3.0), 0.2),
+    ])
+}
+
+fn single(rig: &LightRig, light: usize, color: impl Fn(Vec3) -> Vec3) -> LightRig {
+    let light = &rig.lights[light];
+    LightRig { lights: vec![light.with_color(color(light.color()))], ..rig.clone() }
+}
+
+fn weighted(images: &[(f32, &Image)]) -> Image {
+    let mut sum = Image::new(images[0].1.width, images[0].1.height);
+    for (weight, image) in images {
+        sum.pixels.iter_mut().zip(&image.pixels).for_each(|(sum, pixel)| *sum += *weight * *pixel);
+    }
+    sum
+}
+
+/// The larger of the relative differences of direct and indirect light.
+fn difference(a: &Layers, b: &Layers) -> f64 {
+    let direct = relative_l2(&a.direct, &b.direct).unwrap();
+    direct.max(relative_l2(&a.indirect, &b.indirect).unwrap())
+}
+
+fn same(a: &Layers, b: &Layers) -> bool {
+    a.direct == b.direct && a.indirect == b.indirect
+}
+
+#[test]
+fn lights_add_up() {
+    let (transfer, lights, settings) = (shot(), lights(), RelightSettings::default());
+    let (a, b) = (2.5, 0.3);
+    let relit = |rig: &LightRig| relight_afresh(&transfer, rig, &settings);
+    let both = LightRig {
+        lights: vec![
+            lights.lights[0].with_color(a * lights.lights[0].color()),
+            lights.lights[1].with_color(b * lights.lights[1].color()),
+        ],
+        ..lights.clone()
+    };
+    let (both, x, y) = (relit(&both), relit(&single(&lights, 0, |c| c)), relit(&single(&lights, 1, |c| c)));
+    let sum = |a, b| Layers {
+        direct: weighted(&[(a, &x.direct), (b, &y.direct)]),
+        indirect: weighted(&[(a, &x.indirect), (b, &y.indirect)]),
+        ..Layers::default()
+    };
+    assert!(difference(&both, &sum(a, b)) < ROUNDING, "{}", difference(&both, &sum(a, b)));
+    assert!(difference(&both, &sum(b, a)) > 0.1, "weights exchanged must be noticed");
+}
+
+#[test]
+fn both_operators_are_linear() {
+    let transfer = shot();
+    let light = |seed: u32| -> Vec<Vec3> {
+        let random = |i| relume::trace::sampling::unit(relume::trace::sampling::hash(i, seed));
+        (0..transfer.cloud.len() as u32).map(|i| Vec3::new(random(3 * i), random(3 * i + 1), 0.0)).collect()
+    };
+    let (x, y) = (light(1), light(2));
+    let mixed: Vec<Vec3> = x.iter().zip(&y).map(|(&x, &y)| 2.0 * x - 0.5 * y).collect();
+    for operator in [&transfer.gather, &transfer.bounce] {
+        let [of_mixed, of_x, of_y] = [&mixed, &x, &y].map(|light| operator.apply(light));
+        let norm: f32 = of_mixed.iter().map(|v| v.length_squared()).sum();
+        let off: f32 = (0..operator.rows)
+            .map(|row| (of_mixed[row] - (2.0 * of_x[row] - 0.5 * of_y[row])).length_squared())
+            .sum();
+        assert!((off / norm).sqrt() < 1e-5, "{}", (off / norm).sqrt());
+        assert!(of_x.iter().all(|v| v.z == 0.0), "no light of one channel reaches another");
+    }
+}
+
+#[test]
+fn a_changed_colour_costs_nothing_and_is_what_relighting_gives() {
+    let (transfer, mut lights, settings) = (shot(), lights(), RelightSettings::default());
+    let mut relighter = Relighter::new(Arc::clone(&transfer));
+    let before = relighter.relight(&lights, &settings).unwrap();
+    assert_eq!(relighter.stats().relit, 3);
+    lights.lights[1] = lights.lights[1].with_color(Vec3::new(90.0, 1.0, 0.0));
+    let after = relighter.relight(&lights, &settings).unwrap();
+    assert_eq!((relighter.stats().relit, relighter.stats().shadow_rays), (0, 0));
+    assert!(same(&after, &relight_afresh(&transfer, &lights, &settings)));
+    assert!(difference(&after, &before) > 0.01);
+}
+
+#[test]
+fn disabled_and_black_lights_add_and_cost_nothing() {
+    let (transfer, settings) = (shot(), RelightSettings { per_light: true, ..RelightSettings::default() });
+    let mut without = lights();
+    without.lights.remove(1);
+    let expected = relight_afresh(&transfer, &without, &settings);
+    let mut disabled = lights();
+    disabled.lights[1].enabled = false;
+    let mut black = lights();
+    black.lights[1] = black.lights[1].with_color(Vec3::ZERO);
+    for rig in [disabled, black] {
+        let mut relighter = Relighter::new(Arc::clone(&transfer));
+        let layers = relighter.relight(&rig, &settings).unwrap();
+        assert!(same(&layers, &expected));
+        assert_eq!(relighter.stats().relit, 2);
+        assert!(layers.per_light.iter().all(|light| light.name != rig.lights[1].name));
+    }
+    assert!(!same(&relight_afresh(&transfer, &lights(), &settings), &expected));
+}
+
+fn room_with_a_lamp() -> TestScene {
+    let mut builder = SceneBuilder::new();
+    let wall = builder.material(lambertian(Vec3::splat(0.6)));
+    let lamp = builder.material(emissive(Vec3::ZERO, Vec3::new(9.0, 8.0, 7.0)));
+    builder
+        .room(Vec3::ZERO, Vec3::new(2.0, 2.0, 3.0), wall)
+        .disc(Vec3::new(1.0, 1.9, 1.2), Vec3::NEG_Y, 0.3, 24, lamp)
+        .camera(Vec3::new(1.0, 1.0, 2.9), Vec3::new(1.0, 0.8, 0.0), 60.0);
+    builder.build()
+}
+
+#[test]
+fn layers_of_lights_and_of_lamps_add_up_to_the_frame() {
+    let transfer = Arc::new(prepare(&room_with_a_lamp(), tiny()));
+    let lights = rig([
+        omni(Vec3::new(1.5, 1.0, 2.0), Vec3::new(2.0, 1.0, 0.5), 0.0),
+        omni(Vec3::new(0.4, 0.5, 1.0), Vec3::splat(0.4), 0.1),
+    ]);
+    let settings = RelightSettings { per_light: true, ..RelightSettings::default() };
+    let layers = relight_afresh(&transfer, &lights, &settings);
+    let names: Vec<&str> = layers.per_light.iter().map(|light| light.name.as_str()).collect();
+    assert_eq!(names, ["light 0", "light 1", EMISSION]);
+    let sum = |of: fn(&relume::image::LightLayers) -> &Image| {
+        weighted(&layers.per_light.iter().map(|light| (1.0, of(light))).collect::<Vec<_>>())
+    };
+    let summed = Layers { direct: sum(|l| &l.direct), indirect: sum(|l| &l.indirect), ..Layers::default() };
+    assert!(difference(&summed, &layers) < ROUNDING);
+    assert!(layers.per_light.iter().all(|light| mean(&light.indirect).min_element() > 0.0));
+    // the parts are what each gives alone
+    let dark = relight_afresh(&transfer, &LightRig::default(), &settings);
+    assert!(dark.direct == layers.per_light[2].direct && dark.indirect == layers.per_light[2].indirect);
+}
+
+#[test]
+fn what_was_kept_is_what_is_computed_anew() {
+    let (transfer, lights) = (shot(), lights());
+    let mut relighter = Relighter::new(Arc::clone(&transfer));
+    let mut moved = lights.clone();
+    moved.lights[0].kind = omni(Vec3::new(0.8, 2.0, 3.0), Vec3::splat(3.0), 0.0);
+    let mut renamed = moved.clone();
+    renamed.lights.swap(0, 2);
+    let both = RelightSettings::default();
+    let steps = [
+        (&lights, both, 3),
+        (&moved, both, 1),
+        (&lights, both, 1),
+        (&lights, RelightSettings { bounces: Some(1), ..both }, 3),
+        (&lights, RelightSettings { aa: 1, bounces: Some(1), ..both }, 3),
+        (&lights, RelightSettings { per_light: true, aa: 1, bounces: Some(1), ..both }, 0),
+        (&moved, RelightSettings { only: Only::Indirect, ..both }, 3),
+        (&renamed, RelightSettings { only: Only::Indirect, ..both }, 0),
+        (&renamed, both, 3),
+    ];
+    for (step, (rig, settings, relit)) in steps.into_iter().enumerate() {
+        let layers = relighter.relight(rig, &settings).unwrap();
+        let afresh = relight_afresh(&transfer, rig, &settings);
+        assert!(same(&layers, &afresh), "step {step}");
+        assert_eq!(relighter.stats().relit, relit, "step {step}");
+    }
+    relighter.forget();
+    relighter.relight(&renamed, &both).unwrap();
+    assert_eq!(relighter.stats().relit, 3);
+    assert!(relighter.relight(&renamed, &RelightSettings { aa: 3, ..both }).is_err());
+}
+
+#[test]
+fn every_bounce_adds_light() {
+    let (transfer, lights) = (shot(), lights());
+    let total = |bounces| {
+        let settings = RelightSettings { bounces, ..RelightSettings::default() };
+        let layers = relight_afresh(&transfer, &lights, &settings);
+        (mean(&layers.indirect), mean(&layers.direct))
+    };
+    let sums: Vec<_> = [0, 1, 2, 3, 4, 8].map(|bounces| total(Some(bounces))).into();
+    assert_eq!(sums[0].0.length(), 0.0);
+    for pair in sums.windows(2) {
+        assert!(pair[0].0.cmplt(pair[1].0).all() && pair[0].1 == pair[1].1, "{sums:?}");
+    }
+    // a geometric series: each bounce brings less than the one before
+    let gains: Vec<f64> = sums[..5].windows(2).map(|pair| (pair[1].0 - pair[0].0).length()).collect();
+    assert!(gains.windows(2).all(|pair| pair[1] < pair[0]), "{gains:?}");
+    let all = total(None).0;
+    assert!(all.cmpgt(sums[5].0).all() && (all - sums[5].0).length() < 0.05 * all.length(), "{all} {sums:?}");
+}
+
+#[test]
+fn supersampling_changes_nothing_on_flat_walls() {
+    let transfer = Arc::new(prepare(&empty_room(lambertian(Vec3::new(0.7, 0.5, 0.3))), tiny()));
+    let lights = rig([omni(Vec3::new(1.0, 1.0, 1.5), Vec3::splat(2.0), 0.0)]);
+    let relit =
+        |aa| relight_afresh(&transfer, &lights, &RelightSettings { aa, ..RelightSettings::default() });
+    let (one, two) = (relit(1), relit(2));
+    let inside = |image: &Image| Image {
+        pixels: image.pixels.iter().zip(&one.edges).filter(|(_, edge)| !**edge).map(|(p, _)| *p).collect(),
+        width: one.edges.iter().filter(|edge| !**edge).count(),
+        height: 1,
+    };
+    let direct = relative_l2(&inside(&two.direct), &inside(&one.direct)).unwrap();
+    let indirect = relative_l2(&inside(&two.indirect), &inside(&one.indirect)).unwrap();
+    println!("direct {direct}, indirect {indirect}");
+    assert!(one.edges.contains(&true) && inside(&one.direct).pixels.len() > 400);
+    // direct light bends a little within a pixel; indirect light takes the pixel's own row
+    assert!(direct < 5e-3, "{direct}");
+    assert!(indirect < 1e-5, "{indirect}");
+    assert_ne!(one.direct, two.direct, "on edges it does change");
+}
+
+/// A light that moves by millimetres changes the image by as little, at every step.
+#[test]
+fn small_steps_of_a_light_are_small_steps_of_the_image() {
+    let transfer = shot();
+    let from = Vec3::new(2.6, 2.2, 2.6);
+    let spot_at = |position: Vec3| {
+        spot(position, Vec3::new(1.6, 1.0, 1.7) + 0.5 * (position - from), Vec3::splat(30.0), (15.0, 25.0))
+    };
+    let omni_at = |position: Vec3| omni(position, Vec3::splat(10.0), 0.0);
+    let kinds: [(&str, &dyn Fn(Vec3) -> LightKind); 2] = [("omni", &omni_at), ("spot", &spot_at)];
+    for (name, kind) in kinds {
+        for bounces in [Some(1), None] {
+            let settings = RelightSettings { bounces, only: Only::Indirect, ..RelightSettings::default() };
+            let frames: Vec<Image> = (0..40)
+                .map(|step| {
+                    let position = from + Vec3::new(1e-3, 2e-4, -4e-4) * step as f32;
+                    relight_afresh(&transfer, &rig([kind(position)]), &settings).indirect
+                })
+                .collect();
+            let mut steps: Vec<f64> =
+                frames.windows(2).map(|pair| relative_l2(&pair[1], &pair[0]).unwrap()).collect();
+            let along = relative_l2(&frames[39], &frames[0]).unwrap();
+            steps.sort_by(f64::total_cmp);
+            let (median, worst) = (steps[steps.len() / 2], steps[steps.len() - 1]);
+            println!("{name}, {bounces:?}: a step {median:.5}, worst {worst:.5}, all the way {along:.4}");
+            assert!(worst < STEP, "{name}: a millimetre changes {worst}");
+            assert!(along > 4.0 * median, "{name}: the light moved");
+        }
+    }
+}
+
+/// One millimetre of a light about two metres away: 0.05% by itself; the rest is shadow borders that cross a quarter of
+/// one of 1024 cells.
+const STEP: f64 = 0.01;

@@ -1,0 +1,81 @@
+//! Real scenes, where they are at hand.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use relume::glam::Vec3;
+use relume::relight::RelightSettings;
+use relume::scene::Geometry;
+use relume::trace::Accel;
+use relume::transfer::{Quality, Settings};
+use relume::{LightRig, Scene};
+use relume_tests::prepared::{mean, prepare, relight_afresh};
+use relume_tests::scenes::{TestScene, omni, rig};
+use relume_tests::truth::{trace, unbiased_relative_l2};
+
+fn load(name: &str) -> Option<TestScene> {
+    let folder = std::env::var_os("RELUME_SCENES")
+        .map(PathBuf::from)
+        .unwrap_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/scenes")));
+    let path = folder.join(name);
+    if !path.is_file() {
+        println!("skipped: no shared scenes");
+        return None;
+    }
+    let scene: Scene = relume_io::load_scene(&path).expect("a scene that can be read").scene;
+    let geometry = Geometry::new(&scene);
+    let accel = Accel::new(&scene, &geometry);
+    Some(TestScene { scene, geometry, accel })
+}
+
+/// The Cornell box by its own lamp, a square of 13 x 10 centimetres half a millimetre under the ceiling.
+#[test]
+fn cornell_box_agrees_with_the_path_tracer() {
+    let Some(built) = load("cornell.glb") else { return };
+    let size = (96, 72);
+    let settings = Settings { size, gather: 4096, quality: Quality::Standard, ..Settings::default() };
+    let transfer = Arc::new(prepare(&built, settings));
+    let truth = trace(&built, &LightRig::default(), size, 4, 128);
+    let settings = |bounces| RelightSettings { bounces: Some(bounces), aa: 1, ..RelightSettings::default() };
+    for bounces in [1, 2, 4] {
+        let layers = relight_afresh(&transfer, &LightRig::default(), &settings(bounces));
+        let direct = unbiased_relative_l2(&layers.direct, &truth.direct);
+        let indirect = unbiased_relative_l2(&layers.indirect, &truth.indirect[bounces as usize - 1]);
+        println!("{bounces} bounces: direct {direct:.4}, indirect {indirect:.4}");
+        assert!(direct < CORNELL_DIRECT, "{direct}");
+        assert!(indirect < CORNELL_INDIRECT, "{bounces} bounces: {indirect}");
+    }
+    let wrong = relight_afresh(&transfer, &LightRig::default(), &settings(1));
+    let wrong = unbiased_relative_l2(&wrong.indirect, &truth.indirect[3]);
+    assert!(wrong > CORNELL_INDIRECT, "one bounce is not four: {wrong}");
+}
+
+const CORNELL_DIRECT: f64 = 0.05;
+const CORNELL_INDIRECT: f64 = 0.05;
+
+#[test]
+fn sponza_goes_through_every_stage() {
+    let Some(built) = load("sponza.glb") else { return };
+    let size = (64, 48);
+    let settings = Settings { size, gather: 4096, quality: Quality::Draft, ..Settings::default() };
+    let transfer = Arc::new(prepare(&built, settings));
+    assert_eq!(transfer.report.triangles as usize, built.geometry.triangles.len());
+    let lights = rig([omni(Vec3::new(-6.0, 2.5, 0.0), Vec3::new(40.0, 30.0, 20.0), 0.0)]);
+    let settings = RelightSettings { aa: 1, ..RelightSettings::default() };
+    let layers = relight_afresh(&transfer, &lights, &settings);
+    let truth = trace(&built, &lights, size, 1, 4);
+    let direct = unbiased_relative_l2(&layers.direct, &truth.direct);
+    println!("direct {direct}");
+    assert!(direct < 1e-3, "{direct}");
+    assert!(layers.indirect.pixels.iter().all(|pixel| pixel.is_finite()));
+    let (indirect, direct) = (mean(&layers.indirect), mean(&layers.direct));
+    println!("mean direct {direct}, indirect {indirect}");
+    assert!(indirect.min_element() > 0.01 * direct.min_element(), "{indirect} {direct}");
+    // saved and loaded it is the same shot
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("sponza.relume");
+    transfer.save(&path).unwrap();
+    let loaded = Arc::new(relume::Transfer::load(&path).unwrap());
+    let again = relight_afresh(&loaded, &lights, &settings);
+    assert!(again.direct == layers.direct && again.indirect == layers.indirect);
+}

@@ -1,0 +1,228 @@
+//! What the transfer says against closed forms and against brute force.
+
+use std::sync::Arc;
+
+use relume::glam::{DVec3, Vec3};
+use relume::image::metrics::relative_l2;
+use relume::relight::{Only, RelightSettings};
+use relume::trace::sampling::{cosine_hemisphere, sobol_2d};
+use relume::trace::{Ray, offset_origin};
+use relume::transfer::{Encoding, Quality, RowMethod, Settings};
+use relume::{LightRig, Transfer};
+use relume_tests::prepared::{flat, mean, prepare, relight_afresh, row_sums, spread};
+use relume_tests::scenes::{
+    SceneBuilder, TestScene, box_room, emissive, empty_room, integrating_sphere, lambertian, omni, rig,
+};
+
+fn standard() -> Settings {
+    Settings { size: (32, 24), gather: 1024, quality: Quality::Standard, ..Settings::default() }
+}
+
+/// Every encoding with every estimator; `haar-rows` with all its coefficients, so that it is nothing but 8 bits.
+fn all_ways(settings: &Settings) -> Vec<Settings> {
+    let mut ways = Vec::new();
+    for encoding in [Encoding::LowRank, Encoding::HaarRows] {
+        for rows in [RowMethod::Balanced, RowMethod::Paper] {
+            ways.push(Settings { encoding, rows, coefficients: settings.gather, ..settings.clone() });
+        }
+    }
+    ways
+}
+
+fn only_centers(bounces: Option<u32>) -> RelightSettings {
+    RelightSettings { bounces, aa: 1, ..RelightSettings::default() }
+}
+
+/// In a closed room of albedo `p` where every surface emits `E`, all light together is `E / (1 - p)`.
+#[test]
+fn furnace() {
+    let (albedo, emission) = (Vec3::new(0.7, 0.5, 0.2), Vec3::new(1.0, 2.0, 3.0));
+    let built = empty_room(emissive(albedo, emission));
+    let transfer = Arc::new(prepare(&built, standard()));
+    let expected = emission / (Vec3::ONE - albedo);
+    let layers = relight_afresh(&transfer, &LightRig::default(), &only_centers(None));
+    let full = layers.full();
+    let ratio = mean(&full) / expected.as_dvec3();
+    let error = relative_l2(&full, &flat(&full, expected)).unwrap();
+    println!("furnace: mean off by {}, pixels by {error}", ratio - 1.0);
+    assert!((ratio - 1.0).abs().max_element() < MEAN_FURNACE, "{ratio}");
+    assert!(error < PIXEL_FURNACE, "{error}");
+    // another albedo is noticed
+    let wrong = emission / (Vec3::ONE - 1.05 * albedo);
+    assert!(relative_l2(&full, &flat(&full, wrong)).unwrap() > PIXEL_FURNACE);
+    // bounce by bounce: `E p^(k + 1)` more with each
+    for bounces in 0..4 {
+        let layers = relight_afresh(&transfer, &LightRig::default(), &only_centers(Some(bounces)));
+        let powers = (0..=bounces + 1).map(|k| albedo.powf(k as f32)).sum::<Vec3>();
+        let ratio = mean(&layers.full()) / (emission * powers).as_dvec3();
+        assert!((ratio - 1.0).abs().max_element() < MEAN_FURNACE, "{bounces} bounces: {ratio}");
+        assert!(bounces > 0 || mean(&layers.indirect) == DVec3::ZERO);
+    }
+}
+
+/// Rows are noisy (192 hemisphere rays), but their mean over 768 pixels and three bounces is not.
+const MEAN_FURNACE: f64 = 0.02;
+/// The noise and the 8 bits of single rows.
+const PIXEL_FURNACE: f64 = 0.04;
+
+/// In a hollow ball every point gathers the same share of every other: wherever the light stands, the walls receive
+/// `I / R^2` on average, and indirect light is `p^2 I / (pi R^2) (1 + p + p^2 + ...)` everywhere.
+#[test]
+fn integrating_sphere_has_the_same_indirect_light_everywhere() {
+    let (albedo, intensity) = (Vec3::new(0.8, 0.5, 0.3), Vec3::new(1.0, 2.0, 4.0));
+    let built = integrating_sphere(lambertian(albedo));
+    let transfer = Arc::new(prepare(&built, standard()));
+    for position in [Vec3::ZERO, Vec3::new(0.3, -0.4, 0.2), Vec3::new(-0.2, 0.75, -0.3)] {
+        let lights = rig([omni(position, intensity, 0.0)]);
+        for bounces in [Some(1), Some(2), Some(4), None] {
+            let layers = relight_afresh(&transfer, &lights, &only_centers(bounces));
+            let powers = (0..bounces.unwrap_or(100)).map(|k| albedo.powf(k as f32)).sum::<Vec3>();
+            let expected = albedo * albedo * intensity / std::f32::consts::PI * powers;
+            let ratio = mean(&layers.indirect) / expected.as_dvec3();
+            let error = relative_l2(&layers.indirect, &flat(&layers.indirect, expected)).unwrap();
+            println!("light at {position}, {bounces:?} bounces: mean {ratio}, pixels off by {error}");
+            assert!((ratio - 1.0).abs().max_element() < 0.02, "{position}, {bounces:?}: {ratio}");
+            assert!(error < 0.05, "{position}, {bounces:?}: {error}");
+        }
+    }
+    // a light outside lights nothing
+    let outside = rig([omni(Vec3::new(0.0, 3.0, 0.0), intensity, 0.0)]);
+    let dark = relight_afresh(&transfer, &outside, &RelightSettings::default());
+    assert_eq!(mean(&dark.full()), DVec3::ZERO);
+}
+
+#[test]
+fn rows_sum_to_one_in_a_closed_room() {
+    let built = box_room();
+    for settings in all_ways(&standard()) {
+        let transfer = prepare(&built, settings.clone());
+        let [low, middle, high] = spread(&row_sums(&transfer));
+        let way = format!("{:?} {:?}", settings.encoding, settings.rows);
+        println!("{way}: row sums {low:.3} to {high:.3}, mean {middle:.4}");
+        let (lowest, mean_off, highest) = match settings.rows {
+            RowMethod::Balanced => (0.85, 0.02, 1.15),
+            // the paper's clamp darkens corners, its one representative a cluster is noisy
+            RowMethod::Paper => (0.6, 0.08, 1.3),
+        };
+        assert!((middle - 1.0).abs() < mean_off, "{way}: {middle}");
+        assert!(low > lowest && high < highest, "{way}: {low} to {high}");
+    }
+}
+
+/// For each row the share of the hemisphere that is not sky, by rays of our own.
+fn sky_free(built: &TestScene, transfer: &Transfer) -> Vec<f32> {
+    const RAYS: u32 = 1024;
+    let share = |&pixel: &u32| {
+        let sample = &transfer.view.centers[pixel as usize];
+        let (normal, geometric) = (sample.shading_normal.get(), sample.geometric_normal.get());
+        let origin = offset_origin(sample.position, geometric);
+        let front = |index: &u32| {
+            let direction = cosine_hemisphere(normal, sobol_2d(*index, 3, pixel));
+            let hit = built.accel.closest(&Ray::new(origin, direction));
+            hit.is_hit() && built.geometry.area_vector(hit.triangle as usize).dot(direction) < 0.0
+        };
+        (0..RAYS).filter(front).count() as f32 / RAYS as f32
+    };
+    transfer.pixels.iter().map(share).collect()
+}
+
+/// Two walls, a floor and a block under the open sky.
+fn yard() -> TestScene {
+    let mut builder = SceneBuilder::new();
+    let stone = builder.material(lambertian(Vec3::new(0.6, 0.5, 0.4)));
+    let (x, y, z) = (Vec3::X * 4.0, Vec3::Y * 2.0, Vec3::Z * 4.0);
+    builder
+        .quad(Vec3::ZERO, z, x, stone)
+        .quad(Vec3::ZERO, x, y, stone)
+        .quad(Vec3::ZERO, y, z, stone)
+        .block(Vec3::new(1.5, 0.0, 1.0), Vec3::new(2.5, 0.8, 2.0), stone)
+        .camera(Vec3::new(3.9, 1.8, 3.9), Vec3::new(1.2, 0.4, 1.0), 60.0);
+    builder.build()
+}
+
+#[test]
+fn rows_sum_to_what_is_not_sky_in_the_open() {
+    let built = yard();
+    for settings in all_ways(&standard()) {
+        let transfer = prepare(&built, settings.clone());
+        let (sums, expected) = (row_sums(&transfer), sky_free(&built, &transfer));
+        let [low, middle, high] = spread(&sums);
+        let truth = spread(&expected);
+        let square = |values: &mut dyn Iterator<Item = f32>| values.map(|v| f64::from(v * v)).sum::<f64>();
+        let error = (square(&mut sums.iter().zip(&expected).map(|(a, b)| a - b))
+            / square(&mut expected.iter().copied()))
+        .sqrt();
+        let way = format!("{:?} {:?}", settings.encoding, settings.rows);
+        println!("{way}: sums {low:.3} {middle:.3} {high:.3}, expected {truth:.3?}, relative L2 {error:.4}");
+        assert!(high < 1.02 && low > -0.02, "{way}: {low} to {high}");
+        let (mean_off, most) = match settings.rows {
+            RowMethod::Balanced => (0.02, 0.08),
+            RowMethod::Paper => (0.10, 0.2),
+        };
+        assert!((middle / truth[1] - 1.0).abs() < mean_off, "{way}: {middle} instead of {}", truth[1]);
+        assert!(error < most, "{way}: {error}");
+    }
+}
+
+/// The row of a point below the middle of a parallel disc is that disc's form factor, `a^2 / (a^2 + h^2)`.
+#[test]
+fn parallel_discs_have_their_form_factor() {
+    let factor = |radius: f32, height: f32| f64::from(radius * radius / (radius * radius + height * height));
+    for (radius, height) in [(0.5, 1.0), (1.0, 0.4), (0.3, 2.0)] {
+        let mut builder = SceneBuilder::new();
+        let white = builder.material(lambertian(Vec3::splat(0.5)));
+        builder
+            .disc(Vec3::ZERO, Vec3::Y, 0.8, 64, white)
+            .disc(Vec3::Y * height, Vec3::NEG_Y, radius, 128, white)
+            .camera(Vec3::new(2.5, 0.5 * height, 0.0), Vec3::ZERO, 0.05);
+        let built = builder.build();
+        for settings in all_ways(&Settings { size: (8, 8), ..standard() }) {
+            if settings.rows == RowMethod::Paper {
+                continue;
+            }
+            let transfer = prepare(&built, settings.clone());
+            let [_, sum, _] = spread(&row_sums(&transfer));
+            let expected = factor(radius, height);
+            println!("radius {radius}, height {height}, {:?}: {sum} for {expected}", settings.encoding);
+            assert!((sum / expected - 1.0).abs() < 0.03, "{sum} is not {expected}");
+        }
+    }
+}
+
+/// Both encodings and both estimators stand for the same matrix.
+#[test]
+fn all_ways_relight_alike() {
+    let built = box_room();
+    let lights = rig([omni(Vec3::new(3.0, 2.2, 2.5), Vec3::splat(10.0), 0.0)]);
+    let settings = RelightSettings { only: Only::Indirect, ..only_centers(Some(2)) };
+    let images: Vec<_> = all_ways(&standard())
+        .into_iter()
+        .map(|way| relight_afresh(&Arc::new(prepare(&built, way)), &lights, &settings).indirect)
+        .collect();
+    // the second is the paper's estimator, which darkens corners
+    for (image, most) in images.iter().zip([0.0, 0.25, 0.08, 0.25]) {
+        let error = relative_l2(image, &images[0]).unwrap();
+        println!("{error}");
+        assert!(error <= most, "{error}");
+    }
+}
+
+/// As many coefficients as gather samples, and more, keep all of them.
+#[test]
+fn haar_rows_may_keep_more_coefficients_than_there_are() {
+    let built = box_room();
+    let settings = |coefficients| Settings {
+        gather: 256,
+        coefficients,
+        encoding: Encoding::HaarRows,
+        size: (8, 6),
+        quality: Quality::Draft,
+        ..Settings::default()
+    };
+    let all = prepare(&built, settings(256));
+    let more = prepare(&built, settings(1000));
+    assert_eq!(row_sums(&all), row_sums(&more));
+    assert!(all.report.gather_error < 0.02, "{}", all.report.gather_error);
+    let few = prepare(&built, settings(10));
+    assert!(few.report.gather_error > 0.1 && few.gather.bytes() < all.gather.bytes());
+}

@@ -1,8 +1,8 @@
 //! Direct light on the gather cloud.
 //!
-//! All sub-samples of a patch are shaded without shadow (cone, cosine, albedo); visibility is asked for once a patch
-//! and, where neighbours in the cluster tree disagree, or the patch is only partly lit, once for each quarter of the
-//! patch. A light with extent always takes the four rays, each towards its own point of the light.
+//! All sub-samples of a patch are shaded without shadow (cone, cosine, albedo); visibility is asked for twice a patch
+//! and, where the answers of neighbours in the cluster tree disagree, or the patch is only partly lit, once for each
+//! quarter of the patch. A light with extent always takes the four rays, each towards its own point of the light.
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -58,7 +58,7 @@ struct Chunk<'a> {
     rays: u64,
 }
 
-/// What one ray a patch found.
+/// What the first rays found.
 struct FirstRays {
     /// By patch: the light was hidden from it.
     hidden: Vec<bool>,
@@ -124,15 +124,18 @@ impl<'a> Chunk<'a> {
         (radiance, self.rays)
     }
 
-    /// One ray for each patch of `lit`.
+    /// Two rays for each patch of `lit`, from its brightest quarter and the one across.
     fn first_rays(&mut self, lit: &[usize]) -> FirstRays {
-        let rays: Vec<Ray> =
-            lit.iter().map(|&patch| self.ray(patch, brightest(&self.quarters[patch]), 0)).collect();
+        let both = |&patch: &usize| {
+            let first = brightest(&self.quarters[patch]);
+            [(patch, self.ray(patch, first, 0)), (patch, self.ray(patch, (first + 2) % 4, 2))]
+        };
+        let (patches, rays): (Vec<usize>, Vec<Ray>) = lit.iter().flat_map(both).unzip();
         let mut hidden = vec![false; rays.len()];
         self.accel.occluded_batch(&rays, &mut hidden);
         self.rays += rays.len() as u64;
         let mut found = FirstRays::new(self.quarters.len());
-        for (&patch, &hidden) in lit.iter().zip(&hidden) {
+        for (&patch, &hidden) in patches.iter().zip(&hidden) {
             let group = patch / NEIGHBOURS;
             found.hidden[patch] = hidden;
             found.any_hidden[group] |= hidden;

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use relume::glam::{DVec3, Vec3};
 use relume::image::metrics::relative_l2;
 use relume::relight::{Only, RelightSettings};
+use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef, Wrap};
 use relume::trace::sampling::{cosine_hemisphere, sobol_2d};
 use relume::trace::{Ray, offset_origin};
 use relume::transfer::{Encoding, Quality, RowMethod, Settings};
@@ -60,10 +61,11 @@ fn furnace() {
     }
 }
 
-/// Rows are noisy (192 hemisphere rays), but their mean over 768 pixels and three bounces is not.
-const MEAN_FURNACE: f64 = 0.02;
-/// The noise and the 8 bits of single rows.
-const PIXEL_FURNACE: f64 = 0.04;
+/// Measured 0.010 in red, where light goes round longest: rows are noisy (192 hemisphere rays), and their mean is off by
+/// 0.004, once a bounce.
+const MEAN_FURNACE: f64 = 0.015;
+/// Measured 0.007: the same and the 8 bits of single rows.
+const PIXEL_FURNACE: f64 = 0.015;
 
 /// In a hollow ball every point gathers the same share of every other: wherever the light stands, the walls receive
 /// `I / R^2` on average, and indirect light is `p^2 I / (pi R^2) (1 + p + p^2 + ...)` everywhere.
@@ -81,8 +83,9 @@ fn integrating_sphere_has_the_same_indirect_light_everywhere() {
             let ratio = mean(&layers.indirect) / expected.as_dvec3();
             let error = relative_l2(&layers.indirect, &flat(&layers.indirect, expected)).unwrap();
             println!("light at {position}, {bounces:?} bounces: mean {ratio}, pixels off by {error}");
-            assert!((ratio - 1.0).abs().max_element() < 0.02, "{position}, {bounces:?}: {ratio}");
-            assert!(error < 0.05, "{position}, {bounces:?}: {error}");
+            // measured 0.006 and 0.006, where light is followed until it is spent but for a two-thousandth a bounce
+            assert!((ratio - 1.0).abs().max_element() < 0.01, "{position}, {bounces:?}: {ratio}");
+            assert!(error < 0.01, "{position}, {bounces:?}: {error}");
         }
     }
     // a light outside lights nothing
@@ -100,9 +103,10 @@ fn rows_sum_to_one_in_a_closed_room() {
         let way = format!("{:?} {:?}", settings.encoding, settings.rows);
         println!("{way}: row sums {low:.3} to {high:.3}, mean {middle:.4}");
         let (lowest, mean_off, highest) = match settings.rows {
-            RowMethod::Balanced => (0.85, 0.02, 1.15),
-            // the paper's clamp darkens corners, its one representative a cluster is noisy
-            RowMethod::Paper => (0.6, 0.08, 1.3),
+            // measured 0.94 to 1.09 in single pixels: the noise of 192 rays
+            RowMethod::Balanced => (0.9, 0.01, 1.13),
+            // the paper's clamp darkens corners, its one representative a cluster is noisy: measured 0.40 to 1.06
+            RowMethod::Paper => (0.25, 0.08, 1.3),
         };
         assert!((middle - 1.0).abs() < mean_off, "{way}: {middle}");
         assert!(low > lowest && high < highest, "{way}: {low} to {high}");
@@ -154,37 +158,88 @@ fn rows_sum_to_what_is_not_sky_in_the_open() {
         .sqrt();
         let way = format!("{:?} {:?}", settings.encoding, settings.rows);
         println!("{way}: sums {low:.3} {middle:.3} {high:.3}, expected {truth:.3?}, relative L2 {error:.4}");
-        assert!(high < 1.02 && low > -0.02, "{way}: {low} to {high}");
+        assert!(high < 1.0 && low > 0.0, "{way}: {low} to {high}");
         let (mean_off, most) = match settings.rows {
-            RowMethod::Balanced => (0.02, 0.08),
-            RowMethod::Paper => (0.10, 0.2),
+            // measured 0.005 and 0.021; on an older cloud 0.047
+            RowMethod::Balanced => (0.015, 0.06),
+            // measured 0.03 and 0.14
+            RowMethod::Paper => (0.06, 0.2),
         };
         assert!((middle / truth[1] - 1.0).abs() < mean_off, "{way}: {middle} instead of {}", truth[1]);
         assert!(error < most, "{way}: {error}");
     }
 }
 
+/// Leaves cut out of a sheet, each smaller than the patches that stand for them, take no light away.
+#[test]
+fn rows_sum_to_one_behind_a_grating() {
+    let mut builder = SceneBuilder::new();
+    let wall = builder.material(lambertian(Vec3::splat(0.6)));
+    let texels = (0..64 * 64).map(|i| [255, 255, 255, if (i / 128 + i / 2) % 2 == 0 { 255 } else { 0 }]);
+    let texture = builder.texture(Texture {
+        name: "grating".into(),
+        width: 64,
+        height: 64,
+        texels: texels.collect(),
+        color_space: ColorSpace::Linear,
+        wrap: [Wrap::Repeat; 2],
+    });
+    let leaf = builder.material(Material {
+        base_color_texture: Some(TextureRef::new(texture)),
+        alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
+        double_sided: true,
+        ..lambertian(Vec3::splat(0.6))
+    });
+    builder
+        .room(Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0), wall)
+        .quad(Vec3::new(0.0, 0.0, 0.4), 4.0 * Vec3::X, 3.0 * Vec3::Y, leaf)
+        .camera(Vec3::new(0.2, 1.5, 0.2), Vec3::new(4.0, 1.2, 0.1), 70.0);
+    let settings = Settings { encoding: Encoding::HaarRows, coefficients: 1024, ..standard() };
+    let [low, middle, high] = spread(&row_sums(&prepare(&builder.build(), settings)));
+    println!("grating: row sums {low:.3} to {high:.3}, mean {middle:.4}");
+    // measured 1.001; 0.970 where rays that meet patches with a hole in their middle find nothing
+    assert!((middle - 1.0).abs() < 0.015, "{middle}");
+}
+
+/// A wall on a wide plain: most of what lights the wall lies behind the camera, and far rays between the two are few.
+#[test]
+fn a_wide_plain_is_not_lost() {
+    let mut builder = SceneBuilder::new();
+    let stone = builder.material(lambertian(Vec3::new(0.6, 0.5, 0.4)));
+    builder
+        .quad(Vec3::new(-30.0, 0.0, -30.0), Vec3::Z * 60.0, Vec3::X * 60.0, stone)
+        .quad(Vec3::new(-2.0, 0.0, 0.0), Vec3::X * 4.0, Vec3::Y * 3.0, stone)
+        .camera(Vec3::new(0.0, 1.5, 2.0), Vec3::new(0.0, 1.5, 0.0), 50.0);
+    let built = builder.build();
+    let settings = Settings { encoding: Encoding::HaarRows, coefficients: 1024, ..standard() };
+    let transfer = prepare(&built, settings);
+    let (sums, expected) = (spread(&row_sums(&transfer)), spread(&sky_free(&built, &transfer)));
+    println!("plain: sums {sums:.4?}, expected {expected:.4?}");
+    // measured 0.002
+    assert!((sums[1] / expected[1] - 1.0).abs() < 0.01, "{sums:?} {expected:?}");
+}
+
 /// The row of a point below the middle of a parallel disc is that disc's form factor, `a^2 / (a^2 + h^2)`.
 #[test]
 fn parallel_discs_have_their_form_factor() {
-    let factor = |radius: f32, height: f32| f64::from(radius * radius / (radius * radius + height * height));
-    for (radius, height) in [(0.5, 1.0), (1.0, 0.4), (0.3, 2.0)] {
+    for (radius, height) in [(0.5_f32, 1.0_f32), (1.0, 0.4), (0.3, 2.0)] {
         let mut builder = SceneBuilder::new();
         let white = builder.material(lambertian(Vec3::splat(0.5)));
         builder
             .disc(Vec3::ZERO, Vec3::Y, 0.8, 64, white)
             .disc(Vec3::Y * height, Vec3::NEG_Y, radius, 128, white)
-            .camera(Vec3::new(2.5, 0.5 * height, 0.0), Vec3::ZERO, 0.05);
+            .camera(Vec3::new(2.5, 0.5 * height, 0.0), Vec3::ZERO, 30.0);
         let built = builder.build();
-        for settings in all_ways(&Settings { size: (8, 8), ..standard() }) {
-            if settings.rows == RowMethod::Paper {
-                continue;
-            }
-            let transfer = prepare(&built, settings.clone());
-            let [_, sum, _] = spread(&row_sums(&transfer));
-            let expected = factor(radius, height);
-            println!("radius {radius}, height {height}, {:?}: {sum} for {expected}", settings.encoding);
-            assert!((sum / expected - 1.0).abs() < 0.03, "{sum} is not {expected}");
+        for encoding in [Encoding::LowRank, Encoding::HaarRows] {
+            let settings = Settings { size: (33, 33), encoding, coefficients: 1024, ..standard() };
+            let transfer = prepare(&built, settings);
+            // the middle pixel looks at the origin
+            let row = transfer.pixels.iter().position(|&pixel| pixel == 16 * 33 + 16).unwrap();
+            let sum = row_sums(&transfer)[row];
+            let factor = |height: f32| radius * radius / (radius * radius + height * height);
+            println!("radius {radius}, height {height}, {encoding:?}: {sum} for {}", factor(height));
+            assert!((sum / factor(height) - 1.0).abs() < 0.03, "{sum} is not {}", factor(height));
+            assert!((sum / factor(1.3 * height) - 1.0).abs() > 0.03, "another height must be noticed");
         }
     }
 }
@@ -199,13 +254,17 @@ fn all_ways_relight_alike() {
         .into_iter()
         .map(|way| relight_afresh(&Arc::new(prepare(&built, way)), &lights, &settings).indirect)
         .collect();
-    // the second is the paper's estimator, which darkens corners
-    for (image, most) in images.iter().zip([0.0, 0.25, 0.08, 0.25]) {
-        let error = relative_l2(image, &images[0]).unwrap();
-        println!("{error}");
-        assert!(error <= most, "{error}");
+    // against all coefficients of balanced rows; the second and the fourth are the paper's estimator, which darkens
+    // corners, and the first two have sixteen directions for all of a small image
+    let errors: Vec<f64> = images.iter().map(|image| relative_l2(image, &images[2]).unwrap()).collect();
+    println!("{errors:.4?}");
+    for (error, most) in errors.iter().zip(ALIKE) {
+        assert!(*error <= most, "{errors:?}");
     }
 }
+
+/// Measured 0.10, 0.09, 0, 0.08; on an older light prior 0.12.
+const ALIKE: [f64; 4] = [0.15, 0.15, 0.0, 0.15];
 
 /// As many coefficients as gather samples, and more, keep all of them.
 #[test]

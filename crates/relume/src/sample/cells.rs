@@ -188,6 +188,14 @@ impl Cell {
         }
     }
 
+    /// Unit, world space; of a group, its first side's.
+    pub(super) fn normal(&self) -> Vec3 {
+        match self {
+            Self::Group(facets) => facets[0].normal,
+            Self::Piece(facet, _) => facet.normal,
+        }
+    }
+
     /// `count` points spread evenly over the cell's area, in an order in which neighbours lie close.
     pub(super) fn points(&self, geometry: &Geometry, count: usize, seed: u32) -> Vec<CellPoint> {
         match self {

@@ -181,6 +181,7 @@ impl GatherCloud {
             }
             cloud.push(&members);
         }
+        stand_in(&mut sample_of_cell);
         map.sample_of_cell = sample_of_cell;
         progress.advance(1);
         Ok((cloud, map))
@@ -236,6 +237,19 @@ impl GatherCloud {
     /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.samples.is_empty()
+    }
+}
+
+/// Gives every cell without a sample that of the last cell before it that has one, or else the first after it. A cell is
+/// left without one where a hole was found at its one point; rays may still meet the rest of it, and their light must
+/// not be lost. Cells come in an order in which neighbours follow each other.
+fn stand_in(sample_of_cell: &mut [u32]) {
+    let mut last = sample_of_cell.iter().copied().find(|&sample| sample != NONE).unwrap_or(NONE);
+    for sample in sample_of_cell {
+        if *sample == NONE {
+            *sample = last;
+        }
+        last = *sample;
     }
 }
 

@@ -184,7 +184,7 @@ fn brightest(quarters: &[Vec3; 4]) -> usize {
 }
 
 fn unshadowed(light: &PreparedLight, sub: &SubSample) -> Vec3 {
-    let Some(sample) = light.sample(sub.position, Vec2::splat(0.5)) else { return Vec3::ZERO };
+    let Some(sample) = light.center(sub.position) else { return Vec3::ZERO };
     let cos = sub.normal.get().dot(sample.direction);
     if cos <= 0.0 {
         return Vec3::ZERO;

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
-/// A unit vector in 32 bits: octahedral, 16 bits a side; within 0.003 degrees
+/// A unit vector in 32 bits: octahedral, 16 bits a side; within 0.004 degrees
 /// (Cigolle et al. 2014, "A Survey of Efficient Representations for Independent Unit Vectors").
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
@@ -70,7 +70,8 @@ mod tests {
         let random = (0..5000).map(|i| uniform_sphere(sobol_2d(i, 0, 1)));
         for normal in axes.into_iter().chain(random) {
             let distance = (PackedNormal::new(normal).get() - normal).length();
-            assert!(distance < 6e-5, "{normal} is off by {distance}");
+            // the worst, half a step along both sides where all three axes are alike, is 6.5e-5
+            assert!(distance < 7e-5, "{normal} is off by {distance}");
         }
     }
 

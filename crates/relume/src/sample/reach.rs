@@ -20,7 +20,12 @@ pub(super) struct Surroundings {
     /// How open the cell lies: the mean of `t / (t + scale)` over the rays' lengths `t`; near 0 for what is covered, 1
     /// under the open sky.
     pub(super) openness: f32,
+    /// The cell's normal, if a ray met nothing.
+    open: Option<Vec3>,
 }
+
+/// Least cosine between the normals of neighbouring cells that lie on a surface which goes on.
+const GOES_ON: f32 = 0.7;
 
 /// Sends `rays` rays from each cell. `scale` is the length in metres that counts as half open.
 pub(super) fn explore(
@@ -48,6 +53,7 @@ pub(super) fn explore(
         accel.closest_batch(&rays, &mut hits);
         let open = |hit: &Hit| if hit.is_hit() { hit.t / (hit.t + scale) } else { 1.0 };
         let openness = hits.iter().map(open).sum::<f32>() / hits.len() as f32;
+        let missed = hits.iter().any(|hit| !hit.is_hit());
         let hits = rays.iter().zip(&hits);
         let mut links: Vec<u32> = hits
             .filter_map(|(ray, hit)| map.sample_at(geometry, hit, ray.direction))
@@ -55,7 +61,7 @@ pub(super) fn explore(
             .collect();
         links.sort_unstable();
         links.dedup();
-        Surroundings { links, openness }
+        Surroundings { links, openness, open: missed.then(|| cell.normal()) }
     };
     cells.par_iter().enumerate().with_min_len(64).map(explore).collect()
 }
@@ -117,6 +123,15 @@ pub(super) fn reached(
     let mut components = Components::new(surroundings.len());
     for (index, cell) in surroundings.iter().enumerate() {
         cell.links.iter().for_each(|&other| components.join(index as u32, other));
+    }
+    // In the open, rays between distant surfaces are few and miss most cells of a wide plain: where a part of a surface
+    // is reached, so is what it goes on to. Cells come in an order in which neighbours follow each other.
+    for (index, pair) in surroundings.windows(2).enumerate() {
+        if let [Some(one), Some(next)] = [pair[0].open, pair[1].open]
+            && one.dot(next) > GOES_ON
+        {
+            components.join(index as u32, index as u32 + 1);
+        }
     }
     let mut lit = vec![false; surroundings.len()];
     for (hit, direction) in seen {

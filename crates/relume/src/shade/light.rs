@@ -146,27 +146,45 @@ impl PreparedLight {
         }
     }
 
+    /// For a local light: the unit direction from `position` to its centre, the distance, and its intensity that way.
+    fn towards(&self, position: Vec3) -> Option<(Vec3, f32, Vec3)> {
+        let Shape::Local { position: center, radius2, cone } = self.shape else { return None };
+        let to_center = center - position;
+        let distance2 = to_center.length_squared();
+        if distance2.max(radius2) < MIN_DISTANCE2 {
+            return None;
+        }
+        let distance = distance2.sqrt();
+        let axis = if distance2 > 1e-30 { to_center / distance } else { Vec3::Y };
+        let factor = cone.map_or(1.0, |cone| cone.factor(-axis.dot(cone.axis)));
+        (factor > 0.0).then_some((axis, distance, self.color * factor))
+    }
+
+    /// The whole light as if it shone from its centre. On a surface that has all of the light above its horizon,
+    /// `irradiance * cos` is exactly what the light brings, whatever its extent.
+    pub fn center(&self, position: Vec3) -> Option<LightSample> {
+        match self.shape {
+            Shape::Local { radius2, .. } => {
+                let (direction, distance, intensity) = self.towards(position)?;
+                let irradiance = intensity / (distance * distance).max(radius2);
+                Some(LightSample { direction, distance, irradiance })
+            }
+            Shape::Distant { direction, .. } => {
+                Some(LightSample { direction, distance: f32::INFINITY, irradiance: self.color })
+            }
+        }
+    }
+
     /// See [`sample`].
     pub fn sample(&self, position: Vec3, sample: Vec2) -> Option<LightSample> {
         match self.shape {
-            Shape::Local { position: center, radius2, cone } => {
-                let to_center = center - position;
-                let distance2 = to_center.length_squared();
-                let reach2 = distance2.max(radius2);
-                if reach2 < MIN_DISTANCE2 {
-                    return None;
-                }
-                let distance = distance2.sqrt();
-                let axis = if distance2 > 1e-30 { to_center / distance } else { Vec3::Y };
-                let factor = cone.map_or(1.0, |cone| cone.factor(-axis.dot(cone.axis)));
-                if factor <= 0.0 {
-                    return None;
-                }
-                let intensity = self.color * factor;
+            Shape::Local { radius2, .. } => {
+                let (axis, distance, intensity) = self.towards(position)?;
                 if radius2 > 0.0 {
                     return Some(sphere_sample(axis, distance, radius2, intensity, sample));
                 }
-                Some(LightSample { direction: axis, distance, irradiance: intensity / distance2 })
+                let irradiance = intensity / (distance * distance);
+                Some(LightSample { direction: axis, distance, irradiance })
             }
             Shape::Distant { direction, one_minus_cos } => {
                 if one_minus_cos == 0.0 {

@@ -157,3 +157,25 @@ fn distant_disc_keeps_the_irradiance() {
         assert_eq!(needs_samples(&light), angle > 0.0);
     }
 }
+
+/// What has all of a light above its horizon receives exactly what the light's centre stands for.
+#[test]
+fn the_centre_stands_for_the_whole_light() {
+    let normal = Vec3::new(0.3, 0.9, -0.2).normalize();
+    let sun = |angle| {
+        light(LightKind::Distant { direction: Vec3::new(0.3, -1.0, 0.2), irradiance: Vec3::ONE, angle })
+    };
+    for light in [omni(0.0), omni(0.5), omni(1.5), sun(0.0), sun(30.0), spot(20.0, 40.0)] {
+        let position = Vec3::new(0.1, -0.4, 0.2);
+        let normal = if matches!(light.kind, LightKind::Spot { .. }) { Vec3::Y } else { normal };
+        let center = PreparedLight::new(&light).center(position).unwrap();
+        let expected = center.irradiance * normal.dot(center.direction);
+        let measured = irradiance(&light, position, normal);
+        assert!(close(measured, expected, 1e-3), "{light:?}: {measured} is not {expected}");
+    }
+    // half below the horizon it does not
+    let center = PreparedLight::new(&omni(1.5)).center(Vec3::ZERO).unwrap();
+    let flat = irradiance(&omni(1.5), Vec3::ZERO, Vec3::X);
+    assert!(flat.x > 0.04 && (center.irradiance * Vec3::X.dot(center.direction)).x < 1e-6);
+    assert!(PreparedLight::new(&spot(10.0, 20.0)).center(Vec3::X).is_none());
+}

@@ -17,7 +17,7 @@ use crate::image::{Image, Layers, LightLayers};
 use crate::sample::{edge_pixels, illuminate};
 use crate::scene::{Light, LightRig};
 use crate::trace::Accel;
-use crate::transfer::{Transfer, gather_bounces};
+use crate::transfer::{BounceSeries, Transfer};
 use crate::{Error, Result};
 use upsample::Upsampling;
 
@@ -96,7 +96,7 @@ pub const EMISSION: &str = "emission";
 pub struct Relighter {
     transfer: Arc<Transfer>,
     accel: Accel,
-    albedo: Vec<Vec3>,
+    bounces: BounceSeries,
     upsampling: Upsampling,
     edges: Vec<bool>,
     kept: Vec<Kept>,
@@ -105,13 +105,14 @@ pub struct Relighter {
 }
 
 impl Relighter {
-    /// Makes a shot ready: builds the acceleration structure for its shadows.
+    /// Makes a shot ready: builds the acceleration structure for its shadows and finds how fast its light fades.
     pub fn new(transfer: impl Into<Arc<Transfer>>) -> Self {
         crate::shade::warm_up();
         let transfer = transfer.into();
+        let albedo: Vec<Vec3> = transfer.cloud.samples.iter().map(|sample| sample.albedo).collect();
         Self {
             accel: transfer.occluders.accel(),
-            albedo: transfer.cloud.samples.iter().map(|sample| sample.albedo).collect(),
+            bounces: BounceSeries::new(&transfer.bounce, &albedo),
             upsampling: Upsampling::new(&transfer.view, &transfer.pixels),
             edges: edge_pixels(&transfer.view),
             kept: Vec::new(),
@@ -205,7 +206,7 @@ impl Relighter {
     /// Light on the cloud, bounced and gathered to the pixels.
     fn gather(&mut self, radiance: &[Vec3], times: Option<u32>, aa: u32) -> Vec<Vec3> {
         let began = Instant::now();
-        let (bounced, steps) = gather_bounces(&self.transfer.bounce, &self.albedo, radiance, times);
+        let (bounced, steps) = self.bounces.sum(&self.transfer.bounce, radiance, times);
         self.stats.bounce_steps += steps;
         self.stats.bounces_ms += milliseconds(began);
         let began = Instant::now();
@@ -232,8 +233,7 @@ impl Relighter {
             direct::add_emission(&self.transfer.view, settings.aa, &mut lit.direct.pixels);
         }
         if settings.only != Only::Direct && settings.bounces != Some(0) {
-            let mut bounced = self.transfer.bounce.apply(&emitted);
-            bounced.iter_mut().zip(&self.albedo).for_each(|(light, albedo)| *light *= *albedo);
+            let bounced = self.bounces.reflect(&self.transfer.bounce, &emitted);
             lit.indirect.pixels =
                 self.gather(&bounced, settings.bounces.map(|bounces| bounces - 1), settings.aa);
         }

@@ -22,7 +22,7 @@ mod preparation;
 mod prior;
 mod rows;
 
-pub use bounces::gather_bounces;
+pub use bounces::BounceSeries;
 pub use buffer::Buffer;
 pub use cache::FORMAT_VERSION;
 pub use coefficients::Coefficients;

@@ -1,7 +1,7 @@
 //! The gather cloud: areas, sides, holes, order, and the light on it.
 
 use relume::glam::{Vec2, Vec3};
-use relume::sample::{CellMap, GatherCloud, SUB_SAMPLES, ViewSamples, illuminate};
+use relume::sample::{CellMap, GatherCloud, GatherSample, SUB_SAMPLES, SubSample, ViewSamples, illuminate};
 use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef, Wrap};
 use relume::trace::sampling::{hash, unit};
 use relume::trace::{Hit, Ray};
@@ -50,10 +50,19 @@ fn on_room(position: Vec3) -> bool {
 
 #[test]
 fn areas_add_up_and_normals_face_inwards() {
-    let cloud = cloud(&room_with(|_| ()));
+    let empty = room_with(|_| ());
+    let cloud = cloud(&empty);
     let expected = 2.0 * (4.0 * 3.0 + 3.0 * 5.0 + 5.0 * 4.0);
     let total = area(&cloud, |_, _| true);
-    assert!((total / expected - 1.0).abs() < 1e-4, "{total}");
+    let all = |total: f64| (total / expected - 1.0).abs() < 1e-4;
+    assert!(all(total), "{total}");
+    // a hand's breadth of one more surface is noticed
+    let with_a_card = room_with(|builder| {
+        let card = builder.material(lambertian(Vec3::splat(0.6)));
+        builder.quad(Vec3::new(2.0, 1.0, 2.0), 0.15 * Vec3::X, 0.15 * Vec3::Y, card);
+    });
+    let total = area(&gather(&with_a_card, 1024, 0).unwrap().0, |_, _| true);
+    assert!(!all(total), "{total}");
     let center = 0.5 * (ROOM.0 + ROOM.1);
     assert!(cloud.samples.iter().all(|s| on_room(s.position) && s.normal.dot(center - s.position) > 0.0));
     // uniform: no sample stands for much more than another
@@ -70,11 +79,17 @@ fn sub_samples_share_their_patch() {
     let cloud = cloud(&box_room());
     assert_eq!(cloud.sub_samples.len(), SUB_SAMPLES * cloud.len());
     for (sample, parts) in cloud.samples.iter().zip(cloud.sub_samples.chunks_exact(SUB_SAMPLES)) {
-        let weight: f32 = parts.iter().map(|part| part.weight()).sum();
+        let weight = |parts: &[SubSample]| parts.iter().map(|part| part.weight()).sum::<f32>();
         // each is rounded to 16 bits
-        assert!((weight - 1.0).abs() < SUB_SAMPLES as f32 * 0.5 / 65535.0 + 1e-5, "{weight}");
+        let whole = |weight: f32| (weight - 1.0).abs() < SUB_SAMPLES as f32 * 0.5 / 65535.0 + 1e-5;
+        assert!(whole(weight(parts)), "{}", weight(parts));
+        let heaviest = parts.iter().map(|part| part.weight()).fold(0.0, f32::max);
+        assert!(!whole(weight(parts) - heaviest), "a part that is missing is noticed");
         let middle: Vec3 = parts.iter().map(|part| part.position * part.weight()).sum();
-        assert!(middle.distance(sample.position) < 2.0 * sample.area.sqrt(), "{middle} {}", sample.position);
+        let close = |sample: &GatherSample| middle.distance(sample.position) < 2.0 * sample.area.sqrt();
+        assert!(close(sample), "{middle} {}", sample.position);
+        let elsewhere = cloud.samples.iter().filter(|sample| close(sample)).count();
+        assert!(elsewhere < cloud.len() / 10, "close to {elsewhere} samples");
     }
 }
 
@@ -89,24 +104,38 @@ fn a_two_sided_sheet_has_both_sides_and_a_one_sided_one_its_front() {
         let sheet = |position: Vec3| !on_room(position);
         let sides = [1.0, -1.0].map(|side| area(&cloud, |p, n| sheet(p) && n.z * side > 0.9));
         // a sample at the border of two surfaces may stand for a part of both: a cell is a tenth of a square metre
-        assert!((sides[0] - expected[0]).abs() < 0.15, "{sides:?}");
-        assert!((sides[1] - expected[1]).abs() < 0.15, "{sides:?}");
+        let fits = |expected: [f64; 2]| (0..2).all(|side| (sides[side] - expected[side]).abs() < 0.15);
+        assert!(fits(expected), "{sides:?}");
+        assert!(!fits([expected[0], 1.0 - expected[1]]), "the other kind of sheet is noticed");
     }
 }
 
 #[test]
 fn the_inside_of_a_closed_box_gets_no_samples() {
     let (low, high) = (Vec3::new(1.0, 0.5, 1.0), Vec3::new(2.0, 1.5, 2.0));
-    let built = room_with(|builder| {
-        let shell = builder.material(Material { double_sided: true, ..lambertian(Vec3::splat(0.5)) });
+    let middle = 0.5 * (low + high);
+    let areas = |built: &TestScene| {
+        let cloud = cloud(built);
+        let outside = area(&cloud, |p, n| !on_room(p) && n.dot(p - middle) > 0.0);
+        (outside, area(&cloud, |p, n| !on_room(p) && n.dot(p - middle) < 0.0))
+    };
+    let two_sided = Material { double_sided: true, ..lambertian(Vec3::splat(0.5)) };
+    let closed = room_with(|builder| {
+        let shell = builder.material(two_sided.clone());
         builder.room(low, high, shell);
     });
-    let cloud = cloud(&built);
-    let middle = 0.5 * (low + high);
-    let outside = area(&cloud, |p, n| !on_room(p) && n.dot(p - middle) > 0.0);
-    let inside = area(&cloud, |p, n| !on_room(p) && n.dot(p - middle) < 0.0);
+    let (outside, inside) = areas(&closed);
     assert!((outside - 6.0).abs() < 0.3, "{outside}");
     assert_eq!(inside, 0.0);
+    // one wall of five, towards the camera, is left out
+    let open = room_with(|builder| {
+        let shell = builder.material(two_sided.clone());
+        let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+        builder.quad(low, x, y, shell).quad(low, y, z, shell).quad(low, z, x, shell);
+        builder.quad(low + x, y, z, shell).quad(low + y, z, x, shell);
+    });
+    let (outside, inside) = areas(&open);
+    assert!((outside - 6.0).abs() > 0.3 && inside > 3.0, "{outside} {inside}");
 }
 
 /// Alpha 255 in the left half of the image, 0 in the right one.
@@ -128,17 +157,30 @@ fn half_mask(builder: &mut SceneBuilder) -> usize {
     })
 }
 
+fn two_sided(builder: &mut SceneBuilder) -> usize {
+    builder.material(Material { double_sided: true, ..lambertian(Vec3::splat(0.5)) })
+}
+
 #[test]
 fn holes_of_alpha_masks_are_left_out() {
-    let built = room_with(|builder| {
-        let leaf = half_mask(builder);
-        builder.quad(Vec3::new(1.0, 0.5, 2.0), 2.0 * Vec3::X, 2.0 * Vec3::Y, leaf);
-    });
+    let sheet_of = |material: fn(&mut SceneBuilder) -> usize| {
+        room_with(|builder| {
+            let leaf = material(builder);
+            builder.quad(Vec3::new(1.0, 0.5, 2.0), 2.0 * Vec3::X, 2.0 * Vec3::Y, leaf);
+        })
+    };
+    let built = sheet_of(half_mask);
     let (cloud, map) = gather(&built, 1024, 0).unwrap();
     let sheet = area(&cloud, |p, _| !on_room(p));
     // two sides of 2 x 2 metres, half of it holes; patches of 0.6 dm2 are solid or not as a whole
     assert!((sheet / 4.0 - 1.0).abs() < 0.05, "{sheet}");
-    assert!(cloud.samples.iter().all(|s| on_room(s.position) || s.position.x < 2.0 + 1e-3));
+    let solid =
+        |cloud: &GatherCloud| cloud.samples.iter().all(|s| on_room(s.position) || s.position.x < 2.0 + 1e-3);
+    assert!(solid(&cloud));
+    // without the mask there are samples where the holes were
+    let whole = gather(&sheet_of(two_sided), 1024, 0).unwrap().0;
+    let sheet = area(&whole, |p, _| !on_room(p));
+    assert!((sheet / 4.0 - 1.0).abs() > 0.05 && !solid(&whole), "{sheet}");
     // what a ray meets behind the hole is the wall
     let ray = Ray::new(Vec3::new(2.5, 1.5, 4.0), Vec3::NEG_Z);
     let behind = map.sample_at(&built.geometry, &built.accel.closest(&ray), ray.direction).unwrap();
@@ -149,7 +191,7 @@ fn holes_of_alpha_masks_are_left_out() {
 fn a_ray_finds_the_sample_of_the_patch_it_hits() {
     let built = box_room();
     let (cloud, map) = gather(&built, 1024, 0).unwrap();
-    let (mut missed, mut apart) = (0, Vec::new());
+    let (mut missed, mut apart, mut from_next) = (0, Vec::new(), Vec::new());
     for index in 0..5000 {
         let random = |dimension| unit(hash(index, dimension));
         let direction = relume::trace::sampling::uniform_sphere(Vec2::new(random(0), random(1)));
@@ -159,17 +201,21 @@ fn a_ray_finds_the_sample_of_the_patch_it_hits() {
             missed += 1;
             continue;
         };
-        let (sample, point) = (&cloud.samples[sample], ray.origin + direction * hit.t);
-        apart.push(sample.position.distance(point) / sample.area.sqrt());
+        let point = ray.origin + direction * hit.t;
+        let widths = |sample: &GatherSample| sample.position.distance(point) / sample.area.sqrt();
+        apart.push(widths(&cloud.samples[sample]));
+        from_next.push(widths(&cloud.samples[(sample + 1) % cloud.len()]));
     }
     // patches are compact; the few that are left over when surfaces are parted evenly may be in two pieces
-    apart.sort_by(f32::total_cmp);
-    let [half, most] = [apart[apart.len() / 2], apart[apart.len() * 98 / 100]];
-    println!(
-        "from the sample, in widths of its patch: median {half}, 98 of 100 {most}, all {}",
-        apart[apart.len() - 1]
-    );
-    assert!(half < 0.6 && most < 1.3, "{half} {most}");
+    let within = |mut apart: Vec<f32>| {
+        apart.sort_by(f32::total_cmp);
+        let [half, most, all] =
+            [apart[apart.len() / 2], apart[apart.len() * 98 / 100], apart[apart.len() - 1]];
+        println!("from the sample, in widths of its patch: median {half}, 98 of 100 {most}, all {all}");
+        half < 0.6 && most < 1.3
+    };
+    assert!(within(apart));
+    assert!(!within(from_next), "the sample after the right one is noticed");
     assert_eq!(missed, 0, "every surface that is seen has a sample");
     assert!(map.sample_at(&built.geometry, &Hit::MISS, Vec3::X).is_none());
 }
@@ -192,7 +238,11 @@ fn neighbours_in_the_order_lie_close_together() {
         let scattered = spread(&|i| i * 613 % 1024, size);
         // a compact cluster holds size / 1024 of the surface: its squared extent shrinks as its area
         println!("clusters of {size}: {ordered} for {scattered} by chance");
-        assert!(ordered < 3.0 * scattered * size as f64 / 1024.0, "{size}: {ordered} {scattered}");
+        let most = 3.0 * scattered * size as f64 / 1024.0;
+        assert!(ordered < most, "{size}: {ordered} {scattered}");
+        // the same clusters with each fourth member from elsewhere
+        let astray = spread(&|i| if i % 4 == 0 { i * 613 % 1024 } else { i }, size);
+        assert!(astray > most, "{size}: {astray} {scattered}");
     }
 }
 
@@ -245,7 +295,12 @@ fn all_light_of_a_lamp_arrives_on_the_walls_around_it() {
         let ratio = power * std::f32::consts::PI / (4.0 * std::f32::consts::PI * albedo);
         println!("{position}, radius {radius}: {ratio}");
         // measured 0.0005; 0.027 for the soft lamp where each cell looks at one point of it
-        assert!((ratio - 1.0).abs().max_element() < 0.002, "{position}: {ratio}");
+        let off = |ratio: Vec3| (ratio - 1.0).abs().max_element();
+        assert!(off(ratio) < 0.002, "{position}: {ratio}");
+        // one sample in 256 counted twice is noticed
+        let counted = cloud.samples.iter().zip(&lit.radiance).enumerate();
+        let twice: Vec3 = counted.filter(|(i, _)| i % 256 == 0).map(|(_, (s, g))| s.area * *g).sum();
+        assert!(off(ratio * (power + twice) / power) > 0.002, "{position}");
     }
 }
 
@@ -261,21 +316,28 @@ fn shadows_fall_on_the_cloud_where_they_should() {
         Light { name: "lamp".into(), enabled: true, kind: omni(Vec3::new(2.0, 2.9, 2.5), Vec3::ONE, 0.0) };
     let lit = illuminate(&cloud, &built.accel, &light);
     // the square's shadow on the floor, from 2.9 metres past 1.5: 2.9 / 1.4 as large
-    let (middle, half) = (Vec3::new(2.0, 0.0, 2.5), 0.5 * 2.9 / 1.4);
-    let (mut dark, mut bright) = (0, 0);
-    for (sample, radiance) in cloud.samples.iter().zip(&lit.radiance).filter(|(s, _)| s.position.y < 1e-4) {
-        let apart = (sample.position - middle).abs();
-        let margin = 1.2 * sample.area.sqrt();
-        let outermost = apart.x.max(apart.z);
-        if outermost < half - margin {
-            assert_eq!(*radiance, Vec3::ZERO, "{}", sample.position);
-            dark += 1;
-        } else if outermost > half + margin {
-            let to_light = Vec3::new(2.0, 2.9, 2.5) - sample.position;
+    let half = 0.5 * 2.9 / 1.4;
+    // samples that are as dark or as bright as they should under a lamp above `middle`, and those that are not
+    let judged = |middle: Vec3| {
+        let (mut dark, mut bright, mut wrong) = (0, 0, 0);
+        let floor = cloud.samples.iter().zip(&lit.radiance).filter(|(s, _)| s.position.y < 1e-4);
+        for (sample, radiance) in floor {
+            let apart = (sample.position - middle).abs();
+            let margin = 1.2 * sample.area.sqrt();
+            let outermost = apart.x.max(apart.z);
+            let to_light = middle + 2.9 * Vec3::Y - sample.position;
             let expected = 0.6 / std::f32::consts::PI * to_light.y / to_light.length().powi(3);
-            assert!((radiance.x / expected - 1.0).abs() < 0.15, "{} {expected}", radiance.x);
-            bright += 1;
+            if outermost < half - margin {
+                if *radiance == Vec3::ZERO { dark += 1 } else { wrong += 1 }
+            } else if outermost > half + margin {
+                if (radiance.x / expected - 1.0).abs() < 0.15 { bright += 1 } else { wrong += 1 }
+            }
         }
-    }
+        (dark, bright, wrong)
+    };
+    let (dark, bright, wrong) = judged(Vec3::new(2.0, 0.0, 2.5));
+    assert_eq!(wrong, 0);
     assert!(dark > 10 && bright > 50, "{dark} dark, {bright} bright");
+    // a shadow half a metre beside it
+    assert!(judged(Vec3::new(2.5, 0.0, 2.5)).2 > 10);
 }

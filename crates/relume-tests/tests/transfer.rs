@@ -54,18 +54,22 @@ fn furnace() {
     // bounce by bounce: `E p^(k + 1)` more with each
     for bounces in 0..4 {
         let layers = relight_afresh(&transfer, &LightRig::default(), &only_centers(Some(bounces)));
-        let powers = (0..=bounces + 1).map(|k| albedo.powf(k as f32)).sum::<Vec3>();
-        let ratio = mean(&layers.full()) / (emission * powers).as_dvec3();
-        assert!((ratio - 1.0).abs().max_element() < MEAN_FURNACE, "{bounces} bounces: {ratio}");
+        let ratio = |bounces| {
+            let powers = (0..=bounces + 1).map(|k| albedo.powf(k as f32)).sum::<Vec3>();
+            mean(&layers.full()) / (emission * powers).as_dvec3()
+        };
+        let off = |bounces| (ratio(bounces) - 1.0).abs().max_element();
+        assert!(off(bounces) < MEAN_FURNACE, "{bounces} bounces: {}", ratio(bounces));
+        assert!(off(bounces + 1) > MEAN_FURNACE, "a bounce more must be noticed");
         assert!(bounces > 0 || mean(&layers.indirect) == DVec3::ZERO);
     }
 }
 
-/// Measured 0.010 in red, where light goes round longest: rows are noisy (192 hemisphere rays), and their mean is off by
-/// 0.004, once a bounce.
-const MEAN_FURNACE: f64 = 0.015;
-/// Measured 0.007: the same and the 8 bits of single rows.
-const PIXEL_FURNACE: f64 = 0.015;
+/// Measured 0.0025 in red, where light goes round longest. Rows are noisy (192 hemisphere rays): their mean is 1.004, of
+/// which the final gather's is left; in the bounces it was 0.010, before they were held to the highest albedo.
+const MEAN_FURNACE: f64 = 0.008;
+/// Measured 0.0028: the same and the 8 bits of single rows.
+const PIXEL_FURNACE: f64 = 0.008;
 
 /// In a hollow ball every point gathers the same share of every other: wherever the light stands, the walls receive
 /// `I / R^2` on average, and indirect light is `p^2 I / (pi R^2) (1 + p + p^2 + ...)` everywhere.
@@ -78,14 +82,23 @@ fn integrating_sphere_has_the_same_indirect_light_everywhere() {
         let lights = rig([omni(position, intensity, 0.0)]);
         for bounces in [Some(1), Some(2), Some(4), None] {
             let layers = relight_afresh(&transfer, &lights, &only_centers(bounces));
-            let powers = (0..bounces.unwrap_or(100)).map(|k| albedo.powf(k as f32)).sum::<Vec3>();
-            let expected = albedo * albedo * intensity / std::f32::consts::PI * powers;
-            let ratio = mean(&layers.indirect) / expected.as_dvec3();
-            let error = relative_l2(&layers.indirect, &flat(&layers.indirect, expected)).unwrap();
+            let expected = |albedo: Vec3, bounces: u32| {
+                let powers = (0..bounces).map(|k| albedo.powf(k as f32)).sum::<Vec3>();
+                albedo * albedo * intensity / std::f32::consts::PI * powers
+            };
+            let off = |expected| relative_l2(&layers.indirect, &flat(&layers.indirect, expected)).unwrap();
+            let bounced = bounces.unwrap_or(100);
+            let ratio = mean(&layers.indirect) / expected(albedo, bounced).as_dvec3();
+            let error = off(expected(albedo, bounced));
             println!("light at {position}, {bounces:?} bounces: mean {ratio}, pixels off by {error}");
-            // measured 0.006 and 0.006, where light is followed until it is spent but for a two-thousandth a bounce
-            assert!((ratio - 1.0).abs().max_element() < 0.01, "{position}, {bounces:?}: {ratio}");
-            assert!(error < 0.01, "{position}, {bounces:?}: {error}");
+            // measured 0.0037 and 0.0046: the noise of the rows, once a bounce
+            assert!((ratio - 1.0).abs().max_element() < 0.008, "{position}, {bounces:?}: {ratio}");
+            assert!(error < 0.008, "{position}, {bounces:?}: {error}");
+            assert!(off(expected(1.02 * albedo, bounced)) > 0.008, "another albedo must be noticed");
+            assert!(
+                bounces.is_none() || off(expected(albedo, bounced + 1)) > 0.008,
+                "a bounce more must be noticed"
+            );
         }
     }
     // a light outside lights nothing
@@ -96,20 +109,22 @@ fn integrating_sphere_has_the_same_indirect_light_everywhere() {
 
 #[test]
 fn rows_sum_to_one_in_a_closed_room() {
-    let built = box_room();
+    let (closed, open) = (box_room(), yard());
     for settings in all_ways(&standard()) {
-        let transfer = prepare(&built, settings.clone());
-        let [low, middle, high] = spread(&row_sums(&transfer));
         let way = format!("{:?} {:?}", settings.encoding, settings.rows);
-        println!("{way}: row sums {low:.3} to {high:.3}, mean {middle:.4}");
         let (lowest, mean_off, highest) = match settings.rows {
             // measured 0.94 to 1.09 in single pixels: the noise of 192 rays
             RowMethod::Balanced => (0.9, 0.01, 1.13),
             // the paper's clamp darkens corners, its one representative a cluster is noisy: measured 0.40 to 1.06
             RowMethod::Paper => (0.25, 0.08, 1.3),
         };
-        assert!((middle - 1.0).abs() < mean_off, "{way}: {middle}");
-        assert!(low > lowest && high < highest, "{way}: {low} to {high}");
+        let is_one = |built: &TestScene| {
+            let [low, middle, high] = spread(&row_sums(&prepare(built, settings.clone())));
+            println!("{way}: row sums {low:.3} to {high:.3}, mean {middle:.4}");
+            (middle - 1.0).abs() < mean_off && low > lowest && high < highest
+        };
+        assert!(is_one(&closed), "{way}");
+        assert!(!is_one(&open), "{way}: the sky must be noticed");
     }
 }
 
@@ -152,10 +167,7 @@ fn rows_sum_to_what_is_not_sky_in_the_open() {
         let (sums, expected) = (row_sums(&transfer), sky_free(&built, &transfer));
         let [low, middle, high] = spread(&sums);
         let truth = spread(&expected);
-        let square = |values: &mut dyn Iterator<Item = f32>| values.map(|v| f64::from(v * v)).sum::<f64>();
-        let error = (square(&mut sums.iter().zip(&expected).map(|(a, b)| a - b))
-            / square(&mut expected.iter().copied()))
-        .sqrt();
+        let error = relative(&sums, &expected);
         let way = format!("{:?} {:?}", settings.encoding, settings.rows);
         println!("{way}: sums {low:.3} {middle:.3} {high:.3}, expected {truth:.3?}, relative L2 {error:.4}");
         assert!(high < 1.0 && low > 0.0, "{way}: {low} to {high}");
@@ -167,12 +179,23 @@ fn rows_sum_to_what_is_not_sky_in_the_open() {
         };
         assert!((middle / truth[1] - 1.0).abs() < mean_off, "{way}: {middle} instead of {}", truth[1]);
         assert!(error < most, "{way}: {error}");
+        // the sums of the rows in another order, and those of a room
+        let reversed: Vec<f32> = expected.iter().rev().copied().collect();
+        println!("{way}: reversed {:.4}", relative(&sums, &reversed));
+        assert!(relative(&sums, &reversed) > most, "{way}: another row's sky must be noticed");
+        assert!((middle - 1.0).abs() > mean_off, "{way}: the sky must be noticed");
     }
 }
 
-/// Leaves cut out of a sheet, each smaller than the patches that stand for them, take no light away.
-#[test]
-fn rows_sum_to_one_behind_a_grating() {
+/// Relative L2 of `sums` against `expected`.
+fn relative(sums: &[f32], expected: &[f32]) -> f64 {
+    let square = |values: &mut dyn Iterator<Item = f32>| values.map(|v| f64::from(v * v)).sum::<f64>();
+    let off = square(&mut sums.iter().zip(expected).map(|(a, b)| a - b));
+    (off / square(&mut expected.iter().copied())).sqrt()
+}
+
+/// A sheet of many holes in a room, or before a single wall.
+fn grating(closed: bool) -> TestScene {
     let mut builder = SceneBuilder::new();
     let wall = builder.material(lambertian(Vec3::splat(0.6)));
     let texels = (0..64 * 64).map(|i| [255, 255, 255, if (i / 128 + i / 2) % 2 == 0 { 255 } else { 0 }]);
@@ -190,33 +213,59 @@ fn rows_sum_to_one_behind_a_grating() {
         double_sided: true,
         ..lambertian(Vec3::splat(0.6))
     });
-    builder
-        .room(Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0), wall)
-        .quad(Vec3::new(0.0, 0.0, 0.4), 4.0 * Vec3::X, 3.0 * Vec3::Y, leaf)
-        .camera(Vec3::new(0.2, 1.5, 0.2), Vec3::new(4.0, 1.2, 0.1), 70.0);
-    let settings = Settings { encoding: Encoding::HaarRows, coefficients: 1024, ..standard() };
-    let [low, middle, high] = spread(&row_sums(&prepare(&builder.build(), settings)));
-    println!("grating: row sums {low:.3} to {high:.3}, mean {middle:.4}");
+    if closed {
+        builder.room(Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0), wall);
+    } else {
+        builder.quad(Vec3::ZERO, 4.0 * Vec3::X, 3.0 * Vec3::Y, wall);
+    }
+    builder.quad(Vec3::new(0.0, 0.0, 0.4), 4.0 * Vec3::X, 3.0 * Vec3::Y, leaf).camera(
+        Vec3::new(0.2, 1.5, 0.2),
+        Vec3::new(4.0, 1.2, 0.1),
+        70.0,
+    );
+    builder.build()
+}
+
+/// Leaves cut out of a sheet, each smaller than the patches that stand for them, take no light away.
+#[test]
+fn rows_sum_to_one_behind_a_grating() {
+    let mean_sum = |closed| {
+        let settings = Settings { encoding: Encoding::HaarRows, coefficients: 1024, ..standard() };
+        let [low, middle, high] = spread(&row_sums(&prepare(&grating(closed), settings)));
+        println!("grating: row sums {low:.3} to {high:.3}, mean {middle:.4}");
+        middle
+    };
     // measured 1.001; 0.970 where rays that meet patches with a hole in their middle find nothing
-    assert!((middle - 1.0).abs() < 0.015, "{middle}");
+    assert!((mean_sum(true) - 1.0).abs() < 0.015);
+    assert!((mean_sum(false) - 1.0).abs() > 0.015, "the sky must be noticed");
+}
+
+/// A wall on a plain of `half` metres each way.
+fn plain(half: f32) -> TestScene {
+    let mut builder = SceneBuilder::new();
+    let stone = builder.material(lambertian(Vec3::new(0.6, 0.5, 0.4)));
+    builder
+        .quad(Vec3::new(-half, 0.0, -half), Vec3::Z * 2.0 * half, Vec3::X * 2.0 * half, stone)
+        .quad(Vec3::new(-2.0, 0.0, 0.0), Vec3::X * 4.0, Vec3::Y * 3.0, stone)
+        .camera(Vec3::new(0.0, 1.5, 2.0), Vec3::new(0.0, 1.5, 0.0), 50.0);
+    builder.build()
 }
 
 /// A wall on a wide plain: most of what lights the wall lies behind the camera, and far rays between the two are few.
 #[test]
 fn a_wide_plain_is_not_lost() {
-    let mut builder = SceneBuilder::new();
-    let stone = builder.material(lambertian(Vec3::new(0.6, 0.5, 0.4)));
-    builder
-        .quad(Vec3::new(-30.0, 0.0, -30.0), Vec3::Z * 60.0, Vec3::X * 60.0, stone)
-        .quad(Vec3::new(-2.0, 0.0, 0.0), Vec3::X * 4.0, Vec3::Y * 3.0, stone)
-        .camera(Vec3::new(0.0, 1.5, 2.0), Vec3::new(0.0, 1.5, 0.0), 50.0);
-    let built = builder.build();
+    let built = plain(30.0);
     let settings = Settings { encoding: Encoding::HaarRows, coefficients: 1024, ..standard() };
     let transfer = prepare(&built, settings);
-    let (sums, expected) = (spread(&row_sums(&transfer)), spread(&sky_free(&built, &transfer)));
-    println!("plain: sums {sums:.4?}, expected {expected:.4?}");
+    let sums = spread(&row_sums(&transfer));
+    let off = |built: &TestScene| {
+        let expected = spread(&sky_free(built, &transfer));
+        println!("plain: sums {sums:.4?}, expected {expected:.4?}");
+        (sums[1] / expected[1] - 1.0).abs()
+    };
     // measured 0.002
-    assert!((sums[1] / expected[1] - 1.0).abs() < 0.01, "{sums:?} {expected:?}");
+    assert!(off(&built) < 0.01, "{sums:?}");
+    assert!(off(&plain(10.0)) > 0.01, "a smaller plain must be noticed");
 }
 
 /// The row of a point below the middle of a parallel disc is that disc's form factor, `a^2 / (a^2 + h^2)`.
@@ -258,8 +307,11 @@ fn all_ways_relight_alike() {
     // corners, and the first two have sixteen directions for all of a small image
     let errors: Vec<f64> = images.iter().map(|image| relative_l2(image, &images[2]).unwrap()).collect();
     println!("{errors:.4?}");
-    for (error, most) in errors.iter().zip(ALIKE) {
+    let elsewhere = rig([omni(Vec3::new(1.0, 2.2, 2.5), Vec3::splat(10.0), 0.0)]);
+    let other = relight_afresh(&Arc::new(prepare(&built, standard())), &elsewhere, &settings).indirect;
+    for ((error, most), image) in errors.iter().zip(ALIKE).zip(&images) {
         assert!(*error <= most, "{errors:?}");
+        assert!(relative_l2(&other, image).unwrap() > most, "another light must be noticed");
     }
 }
 
@@ -280,8 +332,14 @@ fn haar_rows_may_keep_more_coefficients_than_there_are() {
     };
     let all = prepare(&built, settings(256));
     let more = prepare(&built, settings(1000));
-    assert_eq!(row_sums(&all), row_sums(&more));
+    // not row sums, which are in the first coefficient alone
+    let lit = |transfer: &Transfer| {
+        let count = transfer.cloud.len();
+        transfer.gather.apply(&(0..count).map(|i| Vec3::splat((i % 7) as f32)).collect::<Vec<_>>())
+    };
+    assert_eq!(lit(&all), lit(&more));
     assert!(all.report.gather_error < 0.02, "{}", all.report.gather_error);
     let few = prepare(&built, settings(10));
+    assert_ne!(lit(&all), lit(&few), "what is left out is noticed");
     assert!(few.report.gather_error > 0.1 && few.gather.bytes() < all.gather.bytes());
 }

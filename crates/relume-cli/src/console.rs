@@ -4,6 +4,7 @@ use std::io::{ErrorKind, IsTerminal, Write};
 
 use relume::{Error, Progress, Result};
 
+use crate::interrupt;
 use crate::progress::StageProgress;
 
 /// The two output streams. A reader that has gone away, as `| head` does, is no error.
@@ -25,7 +26,13 @@ impl Console {
     }
 
     /// Does `work` as a stage of its own.
+    ///
+    /// # Errors
+    /// What `work` returns; [`Error::Cancelled`], without any work, where the command was interrupted before.
     pub(crate) fn stage<T>(&self, name: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        if interrupt::requested() {
+            return Err(Error::Cancelled);
+        }
         let progress = self.progress();
         progress.stage(name, 1);
         work()
@@ -39,6 +46,11 @@ impl Console {
     /// Why the job ends.
     pub(crate) fn error(&self, error: &Error) {
         to_stderr(&format!("error: {error}"));
+    }
+
+    /// That the command was interrupted, and what that leaves.
+    pub(crate) fn interrupted(&self) {
+        to_stderr("error: interrupted; no unfinished file is left");
     }
 
     /// Something good to know.

@@ -1,11 +1,12 @@
 //! The `relume` command: prepares a shot, relights it, and judges it by a path tracer.
 //!
 //! Thin over the libraries: a command reads its inputs, calls one stage, and writes what came out. Results go to
-//! stdout, everything else to stderr. Exit status 0, 1 (the job failed) or 2 (bad input or usage).
+//! stdout, everything else to stderr. Exit status 0, 1 (the job failed), 2 (bad input or usage) or 130 (interrupted).
 
 mod arguments;
 mod commands;
 mod console;
+mod interrupt;
 mod memory;
 mod output;
 mod progress;
@@ -41,7 +42,7 @@ Step by step:
   relume prepare assets/arcade.glb -o arcade.relume
   relume relight arcade.relume --rig assets/rigs/arcade.toml -o arcade.png
 
-Exit status: 0, 1 (the job failed), 2 (bad input or usage).";
+Exit status: 0, 1 (the job failed), 2 (bad input or usage), 130 (interrupted).";
 
 #[derive(Subcommand)]
 enum Command {
@@ -57,7 +58,13 @@ enum Command {
 fn main() -> ExitCode {
     let line = CommandLine::parse();
     let console = Console::new(line.quiet);
-    match run(&line.command, &console) {
+    let outcome = run(&line.command, &console);
+    // Also where the job was done before it could stop: a script that is interrupted must not go on.
+    if interrupt::requested() {
+        console.interrupted();
+        return ExitCode::from(interrupt::STATUS);
+    }
+    match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             console.error(&error);

@@ -7,6 +7,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use relume::Progress;
 
 use crate::console::to_stderr;
+use crate::interrupt;
 use crate::report::duration;
 
 /// Shorter stages leave no line behind.
@@ -67,6 +68,10 @@ impl Progress for StageProgress {
         {
             stage.advance(steps);
         }
+    }
+
+    fn cancelled(&self) -> bool {
+        interrupt::requested()
     }
 }
 

@@ -1,12 +1,13 @@
 //! Light adds up, colours factor out, and small steps of a light are small steps of the image.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use relume::glam::Vec3;
 use relume::image::metrics::relative_l2;
 use relume::image::{Image, Layers};
 use relume::relight::{EMISSION, Only, RelightSettings};
-use relume::{LightKind, LightRig, Relighter, Transfer};
+use relume::{Error, LightKind, LightRig, Progress, Relighter, Transfer};
 use relume_tests::prepared::{mean, prepare, relight_afresh, tiny};
 use relume_tests::scenes::{
     SceneBuilder, TestScene, box_room, emissive, empty_room, lambertian, omni, rig, spot,
@@ -189,6 +190,37 @@ fn what_was_kept_is_what_is_computed_anew() {
     relighter.relight(&renamed, &both).unwrap();
     assert_eq!(relighter.stats().relit, 3);
     assert!(relighter.relight(&renamed, &RelightSettings { aa: 3, ..both }).is_err());
+}
+
+/// Asks to stop once `lights` are done.
+struct StopAfter {
+    lights: u64,
+    done: AtomicU64,
+}
+
+impl Progress for StopAfter {
+    fn advance(&self, steps: u64) {
+        self.done.fetch_add(steps, Ordering::Relaxed);
+    }
+
+    fn cancelled(&self) -> bool {
+        self.done.load(Ordering::Relaxed) >= self.lights
+    }
+}
+
+#[test]
+fn a_frame_that_was_stopped_is_relit_as_if_it_had_not_been() {
+    let (transfer, lights, settings) = (shot(), lights(), RelightSettings::default());
+    let mut relighter = Relighter::new(Arc::clone(&transfer));
+    for stop_after in 0..lights.lights.len() as u64 {
+        let stop = StopAfter { lights: stop_after, done: AtomicU64::new(0) };
+        let stopped = relighter.relight_watched(&lights, &settings, &stop);
+        assert!(matches!(stopped, Err(Error::Cancelled)), "after {stop_after} lights");
+    }
+    let never = StopAfter { lights: 4, done: AtomicU64::new(0) };
+    let layers = relighter.relight_watched(&lights, &settings, &never).unwrap();
+    assert_eq!(never.done.load(Ordering::Relaxed), 3);
+    assert!(same(&layers, &relight_afresh(&transfer, &lights, &settings)));
 }
 
 #[test]

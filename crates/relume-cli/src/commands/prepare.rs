@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::arguments::{Threads, gather_count, image_size};
 use crate::console::Console;
+use crate::interrupt;
 use crate::memory::peak_resident_bytes;
 use crate::output::check_output;
 use crate::report::{Table, bytes, count, duration, percent, plural};
@@ -127,6 +128,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let began = Instant::now();
     let cache = arguments.output.clone().unwrap_or_else(|| arguments.scene.with_extension("relume"));
     check_output(&cache, "the name of a cache", &["relume"], &[&arguments.scene])?;
+    interrupt::listen()?;
     arguments.threads.start()?;
     let imported = scene_file::read(&arguments.scene, console)?;
     let read = began.elapsed().as_secs_f64();

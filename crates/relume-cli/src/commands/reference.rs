@@ -15,6 +15,7 @@ use serde::Serialize;
 
 use crate::arguments::{Curve, Part, Threads, antialiasing, image_size};
 use crate::console::Console;
+use crate::interrupt;
 use crate::output::{self, ImageKind, ImageOutput, number, text};
 use crate::report::{Table, duration, percent, plural};
 use crate::scene_file;
@@ -106,6 +107,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         console.warning("--tonemap changes nothing in an EXR, which stays scene-linear");
     }
     let rig = load_rig(&arguments.rig)?;
+    interrupt::listen()?;
     arguments.threads.start()?;
     let imported = scene_file::read(&arguments.scene, console)?;
     let camera = scene_file::camera(&imported.scene, arguments.camera.as_deref(), &arguments.scene)?;
@@ -117,7 +119,9 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     }
     let seconds = began.elapsed().as_secs_f64();
     let tonemap = arguments.tonemap.unwrap_or_default().into();
-    output.write(&reference.layers, (rig.exposure, tonemap), attributes(&settings, &reference.noise))?;
+    console.stage("writing the image", || {
+        output.write(&reference.layers, (rig.exposure, tonemap), attributes(&settings, &reference.noise))
+    })?;
     let figures = Figures {
         scene: &arguments.scene,
         rig: &arguments.rig,

@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use crate::arguments::{Curve, Part, Threads, antialiasing};
 use crate::console::Console;
+use crate::interrupt;
 use crate::output::{self, ImageKind, ImageOutput, number, text};
 use crate::report::{Table, count, duration};
 
@@ -71,6 +72,7 @@ struct Figures<'a> {
 pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let output = arguments.check(console)?;
     let rig = load_rig(&arguments.rig)?;
+    interrupt::listen()?;
     arguments.threads.start()?;
     let began = Instant::now();
     let mut relighter =
@@ -86,9 +88,11 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     if lights == 0 {
         console.warning(&format!("{}: no light is enabled", arguments.rig.display()));
     }
-    let layers = console.stage("relighting", || relighter.relight(&rig, &settings))?;
+    let layers = relighter.relight_watched(&rig, &settings, &console.progress())?;
     let tonemap = arguments.tonemap.unwrap_or_default().into();
-    output.write(&layers, (rig.exposure, tonemap), attributes(relighter.transfer(), &settings))?;
+    console.stage("writing the image", || {
+        output.write(&layers, (rig.exposure, tonemap), attributes(relighter.transfer(), &settings))
+    })?;
     let figures = Figures {
         cache: &arguments.cache,
         rig: &arguments.rig,

@@ -18,7 +18,7 @@ use crate::sample::{edge_pixels, illuminate};
 use crate::scene::{Light, LightRig};
 use crate::trace::Accel;
 use crate::transfer::{BounceSeries, Transfer};
-use crate::{Error, Result};
+use crate::{Error, Progress, Result};
 use upsample::Upsampling;
 
 /// Which light to show.
@@ -149,6 +149,19 @@ impl Relighter {
     /// # Errors
     /// [`Error::Setting`] unless `aa` is 1 or 2.
     pub fn relight(&mut self, rig: &LightRig, settings: &RelightSettings) -> Result<Layers> {
+        self.relight_watched(rig, settings, &())
+    }
+
+    /// The same, with `progress` told of every light and asked between two whether to stop.
+    ///
+    /// # Errors
+    /// As [`Self::relight`], and [`Error::Cancelled`].
+    pub fn relight_watched(
+        &mut self,
+        rig: &LightRig,
+        settings: &RelightSettings,
+        progress: &dyn Progress,
+    ) -> Result<Layers> {
         if !(1..=2).contains(&settings.aa) {
             return Err(Error::Setting(format!("{} samples a pixel side: must be 1 or 2", settings.aa)));
         }
@@ -156,8 +169,12 @@ impl Relighter {
         self.stats = FrameStats::default();
         let shining: Vec<&Light> =
             rig.lights.iter().filter(|light| light.enabled && light.color() != Vec3::ZERO).collect();
+        progress.stage("relighting", shining.len() as u64);
         let mut before = std::mem::take(&mut self.kept);
         for light in &shining {
+            if progress.cancelled() {
+                return Err(Error::Cancelled);
+            }
             let found = before
                 .iter()
                 .position(|kept| kept.settings.same_light(settings) && kept.light.same_but_for_color(light));
@@ -166,6 +183,7 @@ impl Relighter {
                 None => self.light(light, settings),
             };
             self.kept.push(Kept { light: (*light).clone(), settings: *settings, lit });
+            progress.advance(1);
         }
         self.light_emission(settings);
         let sum_began = Instant::now();

@@ -19,6 +19,7 @@ use super::reference::{Tracer, attributes as reference_attributes};
 use super::relight::attributes as relight_attributes;
 use crate::arguments::{Threads, image_size};
 use crate::console::Console;
+use crate::interrupt;
 use crate::output::write_shown;
 use crate::scene_file;
 use table::{Figures, Frame};
@@ -55,6 +56,7 @@ Example:
 const SCENE: &[u8] = include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/arcade.glb"));
 
 pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
+    interrupt::listen()?;
     arguments.threads.start()?;
     let rigs = lantern::rigs()?;
     let folder = Folder::create(&arguments.out)?;
@@ -62,7 +64,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let began = Instant::now();
     let transfer = arguments.prepare(&scene, console)?;
     let cache = folder.path("arcade.relume");
-    transfer.save(&cache)?;
+    console.stage("writing the cache", || transfer.save(&cache))?;
     let mut figures = Figures::new(&transfer, began.elapsed().as_secs_f64());
 
     let relit = folder.relight(transfer, &rigs, &mut figures, console)?;
@@ -131,7 +133,7 @@ impl Folder {
         let settings = RelightSettings::default();
         let mut frames = Vec::with_capacity(rigs.len());
         for (number, rig) in (1..).zip(rigs) {
-            let layers = relighter.relight(rig, &settings)?;
+            let layers = relighter.relight_watched(rig, &settings, &interrupt::Watch)?;
             let milliseconds = relighter.stats().frame_ms;
             console.notice(&format!("frame {number} relit in {milliseconds:.0} ms"));
             figures.frames.push(Frame::relit_in(milliseconds));

@@ -5,3 +5,5 @@ mod determinism;
 mod jobs;
 mod refusals;
 mod support;
+#[cfg(unix)]
+mod unfinished;

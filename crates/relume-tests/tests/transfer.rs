@@ -5,10 +5,11 @@ use std::sync::Arc;
 use relume::glam::{DVec3, Vec3};
 use relume::image::metrics::relative_l2;
 use relume::relight::{Only, RelightSettings};
+use relume::sample::GatherSample;
 use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef, Wrap};
 use relume::trace::sampling::{cosine_hemisphere, sobol_2d};
 use relume::trace::{Ray, offset_origin};
-use relume::transfer::{Encoding, Quality, RowMethod, Settings};
+use relume::transfer::{BounceSeries, Encoding, Quality, RowMethod, Settings};
 use relume::{LightRig, Transfer};
 use relume_tests::prepared::{flat, mean, prepare, relight_afresh, row_sums, spread};
 use relume_tests::scenes::{
@@ -105,6 +106,43 @@ fn integrating_sphere_has_the_same_indirect_light_everywhere() {
     let outside = rig([omni(Vec3::new(0.0, 3.0, 0.0), intensity, 0.0)]);
     let dark = relight_afresh(&transfer, &outside, &RelightSettings::default());
     assert_eq!(mean(&dark.full()), DVec3::ZERO);
+}
+
+/// The series of a real operator, noise and all, against two hundred terms of it.
+#[test]
+fn bounces_add_up_to_all_their_terms() {
+    let built = empty_room(lambertian(Vec3::new(0.8, 0.6, 0.3)));
+    let transfer = prepare(&built, standard());
+    let albedo: Vec<Vec3> = transfer.cloud.samples.iter().map(|sample| sample.albedo).collect();
+    let series = BounceSeries::new(&transfer.bounce, &albedo);
+    // a spot on one wall, and light on all of it
+    let place = transfer.cloud.samples[100].position;
+    let spot = |reach: f32| -> Vec<Vec3> {
+        let lit = |sample: &GatherSample| sample.position.distance(place) < reach;
+        transfer.cloud.samples.iter().map(|s| if lit(s) { Vec3::ONE } else { Vec3::ZERO }).collect()
+    };
+    let l2 = |light: &[Vec3]| light.iter().map(|rgb| rgb.as_dvec3().length_squared()).sum::<f64>().sqrt();
+    for reach in [0.2, 1.5] {
+        let direct = spot(reach);
+        let (sum, steps) = series.sum(&transfer.bounce, &direct, None);
+        let (mut last, mut all, mut cut) = (direct.clone(), direct.clone(), Vec::new());
+        for term in 1..=200 {
+            last = series.reflect(&transfer.bounce, &last);
+            all.iter_mut().zip(&last).for_each(|(all, last)| *all += *last);
+            if term == steps {
+                cut = all.clone();
+            }
+        }
+        let off = |sum: &[Vec3]| {
+            // what is reflected alone, so that the spot's own light hides nothing
+            let reflected: Vec<Vec3> = all.iter().zip(&direct).map(|(all, direct)| *all - *direct).collect();
+            let difference: Vec<Vec3> = sum.iter().zip(&all).map(|(sum, all)| *sum - *all).collect();
+            l2(&difference) / l2(&reflected)
+        };
+        println!("{steps} bounces: off by {:.6}, without the tail by {:.6}", off(&sum), off(&cut));
+        assert!(off(&sum) < 1e-4, "{}", off(&sum));
+        assert!(off(&cut) > 1e-3, "the sum without its tail must be noticed");
+    }
 }
 
 #[test]

@@ -30,14 +30,8 @@ pub struct Truths {
 /// # Panics
 /// If the settings are out of range.
 pub fn trace(built: &TestScene, rig: &LightRig, size: (usize, usize), bounces: u32, spp: u32) -> Truths {
-    let settings = Settings {
-        width: size.0,
-        height: size.1,
-        spp,
-        aa: 1,
-        paths: Paths::Transfer,
-        ..Settings::default()
-    };
+    let settings =
+        Settings { width: size.0, height: size.1, spp, aa: 1, paths: Paths::Transfer, ..Settings::default() };
     let counts: Vec<_> = (1..=bounces).map(Some).collect();
     let TestScene { scene, geometry, accel } = built;
     trace_bounces(scene, geometry, accel, rig, &settings, &counts, &()).expect("valid settings")

@@ -75,9 +75,7 @@ const EXAMPLE: &str = "\
 A minute's try on the scene that comes with Relume:
   cargo xtask quality arcade --scenes assets --size 160x120 --gather 4096 --quality draft --lights 4 --spp 32
 The six rigs of the benchmarks, after 1, 2 and 4 bounces:
-  cargo xtask quality sponza --rigs assets/rigs/sponza --bounces 1,2,4
-
-Exit status: 0, 1 (the job failed), 2 (bad input or usage).";
+  cargo xtask quality sponza --rigs assets/rigs/sponza --bounces 1,2,4";
 
 /// `--paths`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -3,7 +3,7 @@
 use relume::image::{Image, Layers};
 use relume::relight::RelightSettings;
 use relume::{Relighter, Result};
-use relume_tests::truth::{Truth, uncertainty, unbiased_relative_l2, unbiased_relative_l2_where};
+use relume_tests::truth::{Truth, unbiased_relative_l2, unbiased_relative_l2_where, uncertainty};
 use serde::Serialize;
 
 use crate::arguments::Bounces;
@@ -68,9 +68,7 @@ impl Summary {
     /// Of all lights.
     pub(crate) fn of(lights: &[LightErrors]) -> Self {
         let over = |figure: fn(&Errors) -> Option<f64>| {
-            Spread::of(
-                lights.iter().filter_map(|light| Some((light.light.as_str(), figure(&light.errors)?))),
-            )
+            Spread::of(lights.iter().filter_map(|light| Some((light.light.as_str(), figure(&light.errors)?))))
         };
         Self {
             indirect: over(|errors| Some(errors.indirect)),
@@ -110,11 +108,8 @@ impl Errors {
 /// # Errors
 /// As [`Relighter::relight`].
 pub(crate) fn relight(relighter: &mut Relighter, case: &Case, bounces: Bounces) -> Result<Layers> {
-    let settings = RelightSettings {
-        bounces: bounces.0,
-        per_light: !case.emission,
-        ..RelightSettings::default()
-    };
+    let settings =
+        RelightSettings { bounces: bounces.0, per_light: !case.emission, ..RelightSettings::default() };
     let mut layers = relighter.relight(&case.rig, &settings)?;
     if !case.emission {
         // the light of emissive surfaces comes after all others

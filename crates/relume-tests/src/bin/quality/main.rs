@@ -77,7 +77,10 @@ fn run(arguments: &Arguments) -> Result<()> {
     }
     if report.scenes.is_empty() {
         let names = arguments.names.join(", ");
-        return Err(Error::file(&folder, format!("holds none of {names}; name another folder with --scenes")));
+        return Err(Error::file(
+            &folder,
+            format!("holds none of {names}; name another folder with --scenes"),
+        ));
     }
     say(&format!("written: {}", arguments.out.join("quality.md").display()));
     let text = if arguments.json { json(&report)? } else { table::overview(&report) };
@@ -146,14 +149,13 @@ impl Measurement<'_> {
     fn trace_references(&mut self) -> Result<()> {
         let Self { arguments, shot, cases, references, .. } = self;
         let all = arguments.truths().iter().flat_map(|&paths| cases.iter().map(move |case| (case, paths)));
-        let is_missing = |(case, paths): &(&Case, Paths)| {
-            arguments.fresh || !references.is_kept(shot, case, *paths)
-        };
+        let is_missing =
+            |(case, paths): &(&Case, Paths)| arguments.fresh || !references.is_kept(shot, case, *paths);
         let missing: Vec<_> = all.filter(is_missing).collect();
         let job = Job::new(format!("{}: references", shot.name), 2 * missing.len() as u64);
-        missing.into_iter().try_for_each(|(case, paths)| {
-            references.trace(shot, case, paths, &job).map(|_| ())
-        })
+        missing
+            .into_iter()
+            .try_for_each(|(case, paths)| references.trace(shot, case, paths, &job).map(|_| ()))
     }
 
     /// Prepares the scene in one encoding and relights it under all lights.
@@ -207,7 +209,8 @@ impl Measurement<'_> {
     fn picture(&mut self, relighter: &mut Relighter, report: &EncodingReport) -> Result<Vec<String>> {
         let paths = self.arguments.truths()[0];
         let column = report.columns.iter().rfind(|column| column.paths == paths_name(paths));
-        let Some((column, spread)) = column.and_then(|column| Some((column, column.summary.indirect.as_ref()?)))
+        let Some((column, spread)) =
+            column.and_then(|column| Some((column, column.summary.indirect.as_ref()?)))
         else {
             return Ok(Vec::new());
         };

@@ -20,7 +20,8 @@ const COLUMNS: usize = 6;
 /// What the columns and colours of a sheet mean.
 pub(crate) const CAPTION: &str = "Each row: whole image as the reference, as the result, and their difference; then the \
      same of the indirect light alone, brightened. Red is too bright, blue too dark; full colour is a quarter of what is \
-     shown as white. The reference has noise, which the figures are free of.";
+     shown as white. The difference is blurred a little against the noise of the reference, which the figures are free \
+     of.";
 
 /// Rows of tiles of one size.
 pub(crate) struct Sheet {
@@ -68,8 +69,23 @@ fn tiles(reference: &Image, result: &Image) -> [Vec<[u8; 3]>; 3] {
     let stops = (1.0 / white).log2();
     let shown = |image: &Image| display(image, stops, Tonemap::Srgb);
     let pairs = result.pixels.iter().zip(&reference.pixels);
-    let difference = pairs.map(|(result, truth)| signed((*result - *truth) / (FULL_DIFFERENCE * white)));
-    [shown(reference), shown(result), difference.collect()]
+    let difference = pairs.map(|(result, truth)| (*result - *truth) / (FULL_DIFFERENCE * white)).collect();
+    let difference = box_filtered(&Image { pixels: difference, ..*result }, result.height.div_ceil(120));
+    [shown(reference), shown(result), difference.pixels.into_iter().map(signed).collect()]
+}
+
+/// Means over squares that reach `radius` pixels to each side, cut at the image's border.
+fn box_filtered(image: &Image, radius: usize) -> Image {
+    let along = |image: &Image, step: usize, count: usize| {
+        let mean = |pixel: usize| {
+            let place = pixel / step % count;
+            let (first, last) = (place.saturating_sub(radius), (place + radius).min(count - 1));
+            let line = pixel - place * step;
+            (first..=last).map(|at| image.pixels[line + at * step]).sum::<Vec3>() / (last - first + 1) as f32
+        };
+        Image { pixels: (0..image.pixels.len()).map(mean).collect(), ..*image }
+    };
+    along(&along(image, 1, image.width), image.width, image.height)
 }
 
 /// What is shown as white: the brightest channel of the pixel that 97% of all are darker than.
@@ -91,6 +107,19 @@ mod tests {
     use super::*;
 
     #[test]
+    fn blurring_keeps_the_mean_inside_and_reaches_as_far_as_said() {
+        let mut image = Image::new(9, 7);
+        image.pixels[3 * 9 + 4] = Vec3::splat(9.0);
+        let blurred = box_filtered(&image, 1);
+        let at = |x: usize, y: usize| blurred.pixels[y * 9 + x].x;
+        assert!((2..5).all(|y| (3..6).all(|x| (at(x, y) - 1.0).abs() < 1e-6)));
+        assert!((blurred.pixels.iter().map(|pixel| pixel.x).sum::<f32>() - 9.0).abs() < 1e-5);
+        assert_eq!((at(2, 3), at(4, 5)), (0.0, 0.0));
+        // at a corner fewer count
+        assert_eq!(box_filtered(&Image { pixels: vec![Vec3::ONE; 63], ..image }, 2).pixels[0], Vec3::ONE);
+    }
+
+    #[test]
     fn differences_have_signs_and_tiles_their_places() {
         let image = |light: f32| Image { width: 3, height: 2, pixels: vec![Vec3::splat(light); 6] };
         let truth = |light| Truth { halves: [image(light), image(light)] };
@@ -100,7 +129,11 @@ mod tests {
         let [reference, result, whole, .., indirect] = &sheet.rows[0];
         assert_eq!(reference[0], [255; 3]);
         assert!(result[0][0] < 255);
-        assert_eq!((whole[0], indirect[0]), ([0, 0, 255], [0, 0, 255]), "1.5 for 2 and 0.5 for 1 are too dark");
+        assert_eq!(
+            (whole[0], indirect[0]),
+            ([0, 0, 255], [0, 0, 255]),
+            "1.5 for 2 and 0.5 for 1 are too dark"
+        );
         assert_eq!(signed(Vec3::ZERO), [255; 3]);
         assert_eq!(signed(Vec3::splat(0.5)), [255, 128, 128]);
         let folder = tempfile::tempdir().unwrap();

@@ -66,7 +66,8 @@ fn draw(title: &str, marks: &[Mark]) -> Result<String, Box<dyn std::error::Error
     {
         let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
         area.fill(&WHITE)?;
-        let most = |figure: fn(&Mark) -> f64| 1.15 * marks.iter().map(figure).fold(1.0, f64::max);
+        // room above for the legend
+        let most = |figure: fn(&Mark) -> f64| 1.25 * marks.iter().map(figure).fold(1.0, f64::max);
         let mut chart = ChartBuilder::on(&area)
             .caption(format!("{title}: error of the indirect light over size"), ("sans-serif", 18))
             .margin(12)
@@ -77,6 +78,8 @@ fn draw(title: &str, marks: &[Mark]) -> Result<String, Box<dyn std::error::Error
             .configure_mesh()
             .x_desc("bytes a pixel")
             .y_desc("relative L2, % (point: median light, ring: worst)")
+            .x_label_formatter(&|bytes| format!("{bytes:.0}"))
+            .y_label_formatter(&|percent| format!("{percent:.0}"))
             .label_style(("sans-serif", 13).into_font())
             .light_line_style(WHITE)
             .draw()?;
@@ -108,7 +111,8 @@ mod tests {
 
     #[test]
     fn every_encoding_has_its_mark() {
-        let mark = |label: &str, x| Mark { label: label.into(), bytes_per_pixel: x, median: 8.0, worst: 20.0 };
+        let mark =
+            |label: &str, x| Mark { label: label.into(), bytes_per_pixel: x, median: 8.0, worst: 20.0 };
         let svg = draw("room", &[mark("low-rank", 123.0), mark("haar-rows", 325.0)]).unwrap();
         for text in ["low-rank", "haar-rows", "bytes a pixel", "room"] {
             assert!(svg.contains(text), "{text}");

@@ -93,8 +93,10 @@ fn scene_section(page: &mut String, scene: &SceneReport) {
             page.push_str(&light_table(column));
         }
     }
-    let _ =
-        write!(page, "\n![{name}: error over bytes a pixel]({name}.svg)\n\n![{name}: pictures]({name}.png)\n");
+    let _ = write!(
+        page,
+        "\n![{name}: error over bytes a pixel]({name}.svg)\n\n![{name}: pictures]({name}.png)\n"
+    );
     let _ = writeln!(page, "\n{CAPTION} Rows from the top:\n");
     for pictured in scene.encodings.iter().flat_map(|encoding| &encoding.pictured) {
         let _ = writeln!(page, "- {pictured}");
@@ -167,9 +169,8 @@ fn percent(value: Option<f64>) -> String {
 }
 
 fn worst(spread: Option<&Spread>) -> String {
-    spread.map_or("-".to_owned(), |spread| {
-        format!("{} ({})", percent(Some(spread.worst)), spread.worst_light)
-    })
+    spread
+        .map_or("-".to_owned(), |spread| format!("{} ({})", percent(Some(spread.worst)), spread.worst_light))
 }
 
 fn table(header: &[&str], rows: &[Vec<String>]) -> String {
@@ -222,21 +223,14 @@ mod tests {
             lights: Vec::new(),
             encodings: vec![encoding],
         };
-        Report {
-            version: "0",
-            size: (64, 48),
-            spp: 64,
-            scenes: vec![scene],
-            skipped: vec!["sponza".into()],
-        }
+        Report { version: "0", size: (64, 48), spp: 64, scenes: vec![scene], skipped: vec!["sponza".into()] }
     }
 
     /// The first table's line, by hand; the wrong input is the same with one light's error another.
     #[test]
     fn medians_and_worst_stand_in_the_table() {
         let lights = || vec![light("key", 0.2), light("a|b", 0.5), light("fill", 0.1)];
-        let line =
-            "| room | low-rank | transfer | all | 123 | 20.0 | 50.0 (a\\|b) | 10.0 | 25.0 (a\\|b) | 2.0 | \
+        let line = "| room | low-rank | transfer | all | 123 | 20.0 | 50.0 (a\\|b) | 10.0 | 25.0 (a\\|b) | 2.0 | \
                     5.0 (a\\|b) | - | - |";
         assert_eq!(overview(&report(lights())).lines().nth(2), Some(line));
         let mut wrong = lights();

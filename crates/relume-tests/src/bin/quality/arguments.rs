@@ -28,10 +28,10 @@ pub(crate) struct Arguments {
     pub(crate) size: (usize, usize),
     /// Gather samples, a power of four.
     #[arg(long, value_name = "N", default_value_t = 65_536)]
-    gather: usize,
+    pub(crate) gather: usize,
     /// How much time and space to spend on a preparation: draft, standard or final.
     #[arg(long, value_name = "QUALITY", default_value = "standard", value_parser = named::<Quality>)]
-    quality: Quality,
+    pub(crate) quality: Quality,
     /// How the transfer is stored; each one is a line of the table.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = "low-rank,haar-rows",
           value_parser = named::<Encoding>)]
@@ -51,7 +51,7 @@ pub(crate) struct Arguments {
     /// Indirect bounces, a column each: numbers from 1 to 16, or `all`.
     #[arg(long, value_name = "N,...", value_delimiter = ',', default_value = "all", value_parser = bounces)]
     pub(crate) bounces: Vec<Bounces>,
-    /// Which truth: the paths that the transfer models, all that a renderer would show, or both.
+    /// Which paths the truth has.
     #[arg(long, value_enum, default_value_t = Truth::Transfer)]
     paths: Truth,
     /// Where to write quality.md, quality.json, pictures and plots.
@@ -80,8 +80,13 @@ The six rigs of the benchmarks, after 1, 2 and 4 bounces:
 /// `--paths`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Truth {
+    /// Those that the diffuse transfer models.
     Transfer,
+    /// The same, but the first surface answers to all light by its full BSDF.
+    GlossyTransfer,
+    /// All that a renderer would show.
     All,
+    /// `transfer` and `all`.
     Both,
 }
 
@@ -133,6 +138,7 @@ impl Arguments {
     pub(crate) fn truths(&self) -> &'static [Paths] {
         match self.paths {
             Truth::Transfer => &[Paths::Transfer],
+            Truth::GlossyTransfer => &[Paths::GlossyTransfer],
             Truth::All => &[Paths::All],
             Truth::Both => &[Paths::Transfer, Paths::All],
         }
@@ -142,6 +148,21 @@ impl Arguments {
 /// That a folder is missing, and which argument names it.
 pub(crate) fn no_folder(folder: &Path, argument: &str) -> Error {
     Error::file(folder, format!("there is no such folder; name another one with {argument}"))
+}
+
+/// The command line to repeat a run by, with the last parts of absolute paths alone: folders of one machine mean nothing
+/// on another.
+pub(crate) fn command(arguments: impl Iterator<Item = String>) -> String {
+    let last_part = |text: &str| {
+        let path = Path::new(text);
+        let name = path.file_name().filter(|_| path.is_absolute());
+        name.map_or_else(|| text.to_owned(), |name| name.to_string_lossy().into_owned())
+    };
+    let shown = arguments.map(|argument| match argument.split_once('=') {
+        Some((name, value)) => format!("{name}={}", last_part(value)),
+        None => last_part(&argument),
+    });
+    std::iter::once("cargo xtask quality".to_owned()).chain(shown).collect::<Vec<_>>().join(" ")
 }
 
 /// A setting by the name it has in files.
@@ -197,6 +218,13 @@ mod tests {
         for argument in ["--size=640", "--bounces=0", "--bounces=17", "--encodings=best", "--lights=0"] {
             assert!(wrong(argument), "{argument}");
         }
+    }
+
+    #[test]
+    fn commands_name_no_folder_of_this_machine() {
+        let line = ["sponza", "--scenes", "/a/b/scenes", "--out=/tmp/x", "--rigs", "assets/rigs"];
+        let shown = command(line.iter().map(|&argument| argument.to_owned()));
+        assert_eq!(shown, "cargo xtask quality sponza --scenes scenes --out=x --rigs assets/rigs");
     }
 
     #[test]

@@ -26,7 +26,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use relume::reference::Paths;
 use relume::transfer::Encoding;
-use relume::{Error, Relighter, Result, atomic_write};
+use relume::{Error, Progress, Relighter, Result, atomic_write};
 use relume_io::rig_to_toml;
 
 use arguments::{Arguments, Bounces, name_of, paths_name};
@@ -60,6 +60,8 @@ fn run(arguments: &Arguments) -> Result<()> {
     let mut report = Report {
         version: env!("CARGO_PKG_VERSION"),
         size: arguments.size,
+        gather_samples: arguments.gather,
+        quality: arguments.quality,
         spp: arguments.spp,
         scenes: Vec::new(),
         skipped: Vec::new(),
@@ -93,8 +95,7 @@ fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn write_report(report: &Report, folder: &Path) -> Result<()> {
-    let command: Vec<_> = std::env::args().skip(1).collect();
-    let page = table::page(report, format!("cargo xtask quality {}", command.join(" ")).trim_end());
+    let page = table::page(report, &arguments::command(std::env::args().skip(1)));
     for (name, text) in [("quality.md", page), ("quality.json", json(report)?)] {
         let path = folder.join(name);
         atomic_write(&path, |file| {
@@ -166,6 +167,7 @@ impl Measurement<'_> {
             preparations::prepare(&self.shot, &settings, &arguments.cache, arguments.fresh)?;
         let mut report = EncodingReport {
             encoding: name_of(&encoding),
+            settings,
             bytes_per_pixel: transfer.bytes_per_pixel(),
             prepare_seconds: record.seconds,
             threads: record.threads,
@@ -186,14 +188,18 @@ impl Measurement<'_> {
     /// The errors against one truth, for each number of bounces.
     fn columns(&mut self, relighter: &mut Relighter, paths: Paths) -> Result<Vec<Column>> {
         let counts = &self.arguments.bounces;
+        let name = name_of(&relighter.transfer().report.settings.encoding);
+        let job = Job::new(format!("{}, {name}: relighting", self.shot.name), self.cases.len() as u64);
         let mut lights: Vec<Vec<LightErrors>> = vec![Vec::new(); counts.len()];
         for case in &self.cases {
+            job.stage(&case.name, 1);
             let truths = self.references.get(&mut self.shot, case, paths, &())?;
             for ((lights, &bounces), indirect) in lights.iter_mut().zip(counts).zip(&truths.indirect) {
                 let relit = relight(relighter, case, bounces)?;
                 let errors = Errors::of(&relit, &truths.direct, indirect);
                 lights.push(LightErrors { light: case.name.clone(), errors });
             }
+            job.advance(1);
         }
         let column = |(lights, &bounces): (Vec<LightErrors>, &Bounces)| Column {
             paths: paths_name(paths),
@@ -225,5 +231,42 @@ impl Measurement<'_> {
             }
         }
         Ok(pictured)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use relume_tests::scenes::box_room;
+
+    /// The whole way on a room made in code: the second time from what the first has kept, with the same figures.
+    #[test]
+    fn a_room_is_measured_twice_alike() {
+        let folder = tempfile::tempdir().unwrap();
+        let [out, cache] = ["out", "cache"].map(|name| folder.path().join(name));
+        [&out, &cache].iter().for_each(|folder| std::fs::create_dir(folder).unwrap());
+        let measure = |gather: &str| {
+            let line = "quality --size 32x24 --quality draft --lights 3 --spp 16 --bounces 1,all --gather";
+            let folders = ["--out", out.to_str().unwrap(), "--cache", cache.to_str().unwrap()];
+            let line = line.split(' ').chain([gather]).chain(folders);
+            let arguments = Arguments::try_parse_from(line).unwrap();
+            measure_scene(Shot::new("room", box_room().scene), &arguments).unwrap()
+        };
+        let first = measure("1024");
+        let kept = std::fs::read_dir(&cache).unwrap().count();
+        assert_eq!(kept, 3 + 2 * 2, "three references, two transfers with what they took");
+        let second = measure("1024");
+        let figures = |scene: &SceneReport| serde_json::to_string(&scene.encodings).unwrap();
+        assert_eq!(figures(&first), figures(&second), "preparation seconds included, for they were kept");
+        assert_eq!(std::fs::read_dir(&cache).unwrap().count(), kept);
+        let [low_rank, haar_rows] = first.encodings.as_slice() else { panic!("two encodings") };
+        assert!(low_rank.bytes_per_pixel != haar_rows.bytes_per_pixel);
+        assert_eq!((low_rank.columns.len(), low_rank.pictured.len()), (2, 2));
+        for name in ["room.png", "room.svg"] {
+            assert!(out.join(name).is_file(), "{name}");
+        }
+        // another preparation is not taken for the kept one
+        assert_ne!(figures(&measure("256")), figures(&first));
+        assert!(std::fs::read_dir(&cache).unwrap().count() == kept + 4, "the references still hold");
     }
 }

@@ -1,5 +1,6 @@
 //! What `quality.json` holds.
 
+use relume::transfer::{Quality, Settings};
 use serde::Serialize;
 
 use crate::figures::Column;
@@ -11,6 +12,8 @@ pub(crate) struct Report {
     pub(crate) version: &'static str,
     /// Pixels: width and height.
     pub(crate) size: (usize, usize),
+    pub(crate) gather_samples: usize,
+    pub(crate) quality: Quality,
     /// Paths a pixel of the references.
     pub(crate) spp: u32,
     /// Scenes that were measured.
@@ -45,6 +48,8 @@ pub(crate) struct LightReport {
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct EncodingReport {
     pub(crate) encoding: String,
+    /// All that it was prepared with.
+    pub(crate) settings: Settings,
     /// Both operators, over all pixels of the image.
     pub(crate) bytes_per_pixel: f64,
     /// Wall-clock seconds of the preparation, on this many threads.

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use crate::arguments::name_of;
 use crate::figures::Column;
 use crate::pictures::CAPTION;
 use crate::progress::duration;
@@ -12,10 +13,12 @@ use crate::summary::Spread;
 pub(crate) fn page(report: &Report, command: &str) -> String {
     let (width, height) = report.size;
     let mut page = format!(
-        "# Quality\n\n    {command}\n\n{width}x{height}. Errors are relative L2 on linear RGB, in percent, against the \
-         path tracer at {} paths a pixel. Its noise is taken out: it is independent in two halves, whose products are \
-         free of it. ± is the standard error that is left. Every light is judged alone; `emission` is what surfaces \
-         emit.\n\n## All scenes\n\n{}",
+        "# Quality\n\n    {command}\n\n{width}x{height}, {} gather samples, quality {}. Errors are relative L2 on linear \
+         RGB, in percent, against the path tracer at {} paths a pixel. Its noise is taken out: it is independent in two \
+         halves, whose products are free of it. ± is the standard error that is left. Every light is judged alone; \
+         `emission` is what surfaces emit.\n\n## All scenes\n\n{}",
+        report.gather_samples,
+        name_of(&report.quality),
         report.spp,
         overview(report)
     );
@@ -188,6 +191,7 @@ mod tests {
     use super::*;
     use crate::arguments::Bounces;
     use crate::figures::{Errors, LightErrors, Summary};
+    use relume::transfer::{Quality, Settings};
 
     fn light(light: &str, indirect: f64) -> LightErrors {
         let errors = Errors {
@@ -207,6 +211,7 @@ mod tests {
         let columns = vec![Column { paths: "transfer", bounces: Bounces(None), summary, lights }];
         let encoding = EncodingReport {
             encoding: "low-rank".into(),
+            settings: Settings::default(),
             bytes_per_pixel: 123.4,
             prepare_seconds: 262.0,
             threads: 2,
@@ -223,7 +228,15 @@ mod tests {
             lights: Vec::new(),
             encodings: vec![encoding],
         };
-        Report { version: "0", size: (64, 48), spp: 64, scenes: vec![scene], skipped: vec!["sponza".into()] }
+        Report {
+            version: "0",
+            size: (64, 48),
+            gather_samples: 256,
+            quality: Quality::Draft,
+            spp: 64,
+            scenes: vec![scene],
+            skipped: vec!["sponza".into()],
+        }
     }
 
     /// The first table's line, by hand; the wrong input is the same with one light's error another.
@@ -239,6 +252,7 @@ mod tests {
         let page = page(&report(lights()), "cargo xtask quality");
         for text in [
             "| low-rank | 123.4 | 4 min 22 s | 2 |",
+            "64x48, 256 gather samples, quality draft.",
             "1.24 GB",
             "| **median** | 20.0 | 0.1 | 10.0 | 2.0 | - | 30.0 | 5.0 |",
             "| **worst** | 50.0 |",

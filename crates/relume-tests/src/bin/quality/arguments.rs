@@ -27,7 +27,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = image_size)]
     pub(crate) size: (usize, usize),
     /// Gather samples, a power of four.
-    #[arg(long, value_name = "N", default_value_t = 65_536)]
+    #[arg(long, value_name = "N", default_value = "65536", value_parser = gather_count)]
     pub(crate) gather: usize,
     /// How much time and space to spend on a preparation: draft, standard or final.
     #[arg(long, value_name = "QUALITY", default_value = "standard", value_parser = named::<Quality>)]
@@ -192,6 +192,12 @@ fn image_size(text: &str) -> Result<(usize, usize), String> {
         .ok_or_else(|| "write WIDTHxHEIGHT in pixels, each 1 to 16384, as 640x480".to_owned())
 }
 
+fn gather_count(text: &str) -> Result<usize, String> {
+    let is_count = |count: &usize| (256..=1 << 20).contains(count) && count.is_power_of_two();
+    let count = text.parse().ok().filter(is_count).filter(|count| count.trailing_zeros() % 2 == 0);
+    count.ok_or_else(|| "must be a power of four from 256 to 1048576".to_owned())
+}
+
 fn bounces(text: &str) -> Result<Bounces, String> {
     if text == "all" {
         return Ok(Bounces(None));
@@ -215,7 +221,9 @@ mod tests {
             Arguments::try_parse_from(example.split_whitespace()).unwrap();
         }
         let wrong = |argument: &str| Arguments::try_parse_from(["quality", argument]).is_err();
-        for argument in ["--size=640", "--bounces=0", "--bounces=17", "--encodings=best", "--lights=0"] {
+        for argument in
+            ["--size=640", "--gather=512", "--bounces=0", "--bounces=17", "--encodings=best", "--lights=0"]
+        {
             assert!(wrong(argument), "{argument}");
         }
     }

@@ -121,8 +121,14 @@ pub fn unbiased_relative_l2(image: &Image, truth: &Truth) -> f64 {
     unbiased_relative_l2_where(image, truth, |_| true)
 }
 
-/// The same over the pixels that count, told by their index.
+/// The same over the pixels that count, told by their index. 0 where chance makes the square negative; see
+/// [`uncertainty`].
 pub fn unbiased_relative_l2_where(image: &Image, truth: &Truth, counts: impl Fn(usize) -> bool) -> f64 {
+    unbiased_square(image, truth, counts).max(0.0).sqrt()
+}
+
+/// Squared relative L2, negative where the noise that is left is larger than the error.
+fn unbiased_square(image: &Image, truth: &Truth, counts: impl Fn(usize) -> bool) -> f64 {
     let [a, b] = &truth.halves;
     let (mut error, mut norm) = (0.0, 0.0);
     for (index, (pixel, (a, b))) in image.pixels.iter().zip(a.pixels.iter().zip(&b.pixels)).enumerate() {
@@ -132,21 +138,23 @@ pub fn unbiased_relative_l2_where(image: &Image, truth: &Truth, counts: impl Fn(
             norm += a.dot(b);
         }
     }
-    (error.max(0.0) / norm.max(f64::MIN_POSITIVE)).sqrt()
+    error / norm.max(f64::MIN_POSITIVE)
 }
 
-/// The standard error of [`unbiased_relative_l2`], by a jackknife over sixteen groups of pixels of which each lies
-/// scattered over the whole image.
+/// How much larger than [`unbiased_relative_l2`] the error is when its square is one standard error larger: a bound that
+/// holds its meaning where the error itself comes out as 0. The standard error is a jackknife's over sixteen groups of
+/// pixels, each scattered over the whole image.
 pub fn uncertainty(image: &Image, truth: &Truth) -> f64 {
     const GROUPS: u32 = 16;
     let group = |index: usize| hash(index as u32, 0) % GROUPS;
-    let without =
-        (0..GROUPS).map(|left_out| unbiased_relative_l2_where(image, truth, |i| group(i) != left_out));
+    let without = (0..GROUPS).map(|left_out| unbiased_square(image, truth, |i| group(i) != left_out));
     let without: Vec<f64> = without.collect();
     let count = f64::from(GROUPS);
     let mean = without.iter().sum::<f64>() / count;
-    let squares: f64 = without.iter().map(|error| (error - mean).powi(2)).sum();
-    ((count - 1.0) / count * squares).sqrt()
+    let spread: f64 = without.iter().map(|square| (square - mean).powi(2)).sum();
+    let standard_error = ((count - 1.0) / count * spread).sqrt();
+    let square = unbiased_square(image, truth, |_| true).max(0.0);
+    (square + standard_error).sqrt() - square.sqrt()
 }
 
 /// The median and the largest of some errors.
@@ -178,6 +186,9 @@ mod tests {
         assert!((off - 0.1).abs() < 0.02);
         let told = uncertainty(&flat(1.1), &truth);
         assert!(told > 1e-4 && (off - 0.1).abs() < 4.0 * told && told < 0.02, "{off} {told}");
+        // at no error the noise that is left is told: 0.083 / sqrt(10,000) in the square, give or take its own spread
+        let told = uncertainty(&flat(1.0), &truth);
+        assert!((0.01..0.05).contains(&told), "{told}");
         // 29% a half is 20% for the mean of two; the wrong input is a truth without noise
         assert!((truth.noise() - 0.204).abs() < 0.01, "{}", truth.noise());
         let [a, _] = truth.halves;

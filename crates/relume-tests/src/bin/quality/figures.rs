@@ -17,7 +17,7 @@ pub(crate) struct Errors {
     pub(crate) indirect: f64,
     /// The same without pixels on a geometric edge; `None` where all are.
     pub(crate) indirect_no_edges: Option<f64>,
-    /// Standard error of `indirect`.
+    /// How much larger `indirect` may be, by one standard error of its square.
     pub(crate) indirect_uncertainty: f64,
     /// Of direct and indirect light together.
     pub(crate) whole: f64,

@@ -15,8 +15,8 @@ pub(crate) fn page(report: &Report, command: &str) -> String {
     let mut page = format!(
         "# Quality\n\n    {command}\n\n{width}x{height}, {} gather samples, quality {}. Errors are relative L2 on linear \
          RGB, in percent, against the path tracer at {} paths a pixel. Its noise is taken out: it is independent in two \
-         halves, whose products are free of it. ± is the standard error that is left. Every light is judged alone; \
-         `emission` is what surfaces emit.\n\n## All scenes\n\n{}",
+         halves, whose products are free of it. ± is the standard error that is left; an error of 0.0 is lost in it, which \
+         more paths a pixel mend. Every light is judged alone; `emission` is what surfaces emit.\n\n## All scenes\n\n{}",
         report.gather_samples,
         name_of(&report.quality),
         report.spp,
@@ -47,6 +47,7 @@ pub(crate) fn overview(report: &Report) -> String {
             "bounces",
             "bytes a pixel",
             "indirect: median",
+            "±",
             "worst",
             "no edges: median",
             "worst",
@@ -61,16 +62,19 @@ pub(crate) fn overview(report: &Report) -> String {
 
 fn overview_row(scene: &SceneReport, encoding: &EncodingReport, column: &Column) -> Vec<String> {
     let summary = &column.summary;
+    let median = |spread: &Option<Spread>| percent(spread.as_ref().map(|spread| spread.median));
     let mut row = vec![
         scene.name.clone(),
         encoding.encoding.clone(),
         column.paths.to_owned(),
         column.bounces.to_string(),
         format!("{:.0}", encoding.bytes_per_pixel),
+        median(&summary.indirect),
+        median(&summary.indirect_uncertainty),
+        worst(&summary.indirect),
     ];
-    for spread in [&summary.indirect, &summary.indirect_no_edges, &summary.whole, &summary.whole_no_edges] {
-        row.push(percent(spread.as_ref().map(|spread| spread.median)));
-        row.push(worst(spread.as_ref()));
+    for spread in [&summary.indirect_no_edges, &summary.whole, &summary.whole_no_edges] {
+        row.extend([median(spread), worst(spread)]);
     }
     row
 }
@@ -168,12 +172,17 @@ fn light_table(column: &Column) -> String {
 }
 
 fn percent(value: Option<f64>) -> String {
-    value.map_or("-".to_owned(), |value| format!("{:.1}", 100.0 * value))
+    match value {
+        None => "-".to_owned(),
+        // against a truth that is all noise
+        Some(value) if value >= 10.0 => ">999".to_owned(),
+        Some(value) => format!("{:.1}", 100.0 * value),
+    }
 }
 
-fn worst(spread: Option<&Spread>) -> String {
-    spread
-        .map_or("-".to_owned(), |spread| format!("{} ({})", percent(Some(spread.worst)), spread.worst_light))
+fn worst(spread: &Option<Spread>) -> String {
+    let named = |spread: &Spread| format!("{} ({})", percent(Some(spread.worst)), spread.worst_light);
+    spread.as_ref().map_or("-".to_owned(), named)
 }
 
 fn table(header: &[&str], rows: &[Vec<String>]) -> String {
@@ -243,7 +252,7 @@ mod tests {
     #[test]
     fn medians_and_worst_stand_in_the_table() {
         let lights = || vec![light("key", 0.2), light("a|b", 0.5), light("fill", 0.1)];
-        let line = "| room | low-rank | transfer | all | 123 | 20.0 | 50.0 (a\\|b) | 10.0 | 25.0 (a\\|b) | 2.0 | \
+        let line = "| room | low-rank | transfer | all | 123 | 20.0 | 0.1 | 50.0 (a\\|b) | 10.0 | 25.0 (a\\|b) | 2.0 | \
                     5.0 (a\\|b) | - | - |";
         assert_eq!(overview(&report(lights())).lines().nth(2), Some(line));
         let mut wrong = lights();

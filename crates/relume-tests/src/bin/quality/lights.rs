@@ -4,6 +4,7 @@ use std::f32::consts::{PI, TAU};
 use std::path::Path;
 
 use relume::glam::Vec3;
+use relume::image::Layers;
 use relume::reference::{Paths, Settings, render};
 use relume::{Error, Light, LightKind, LightRig, Result};
 use relume_io::load_rig;
@@ -114,21 +115,24 @@ fn with_emission(shot: &Shot, cases: impl IntoIterator<Item = Case>) -> Vec<Case
     cases.into_iter().chain(shot.emits().then_some(emission)).collect()
 }
 
-/// Norm of the whole image under the light alone, by a draft of a few paths a pixel. Emission counts if it is on.
+/// Norm of the whole image under the light alone, by a draft of a few paths a pixel whose noise is taken out: a light
+/// that shows only as fireflies is a weak one. Emission counts if it is on.
 fn response(shot: &Shot, light: &Light, size: (usize, usize)) -> Result<f64> {
     const WIDTH: usize = 64;
     let settings = Settings {
         width: WIDTH,
         height: (WIDTH * size.1).div_ceil(size.0),
-        spp: 8,
+        spp: 32,
         bounces: Some(2),
         aa: 1,
         paths: Paths::Transfer,
         ..Settings::default()
     };
     let rig = LightRig { exposure: 0.0, lights: vec![light.clone()] };
-    let full = render(&shot.scene, &shot.geometry, &shot.accel, &rig, &settings, &())?.layers.full();
-    Ok(full.pixels.iter().map(|pixel| pixel.as_dvec3().length_squared()).sum::<f64>().sqrt())
+    let reference = render(&shot.scene, &shot.geometry, &shot.accel, &rig, &settings, &())?;
+    let [a, b] = reference.halves.each_ref().map(Layers::full);
+    let square: f64 = a.pixels.iter().zip(&b.pixels).map(|(a, b)| a.as_dvec3().dot(b.as_dvec3())).sum();
+    Ok(square.max(0.0).sqrt())
 }
 
 /// `count` lights. Those to which the view answers weakly, as `response` has it for a light of the flux that all

@@ -2,6 +2,7 @@
 
 mod ci;
 mod deny;
+mod quality;
 mod scenes;
 mod structure;
 mod test;
@@ -22,6 +23,13 @@ enum Task {
     /// Run all tests, saying what they find on this machine and what they skip.
     Test {
         /// Passed on to `cargo test`; `-p NAME` tests one crate instead of all.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<String>,
+    },
+    /// Measure how far relit images are from converged path tracing; `cargo xtask quality --help` says how.
+    #[command(disable_help_flag = true)]
+    Quality {
+        /// Passed on to the measuring program.
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         arguments: Vec<String>,
     },
@@ -46,6 +54,7 @@ enum Task {
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().task {
         Task::Test { arguments } => test::run(&arguments),
+        Task::Quality { arguments } => quality::run(&arguments),
         Task::Scenes { check } => scenes::run(check),
         Task::Structure => structure::run(),
         Task::Deny => deny::run(),

@@ -1,0 +1,248 @@
+//! The command line.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Parser, ValueEnum};
+use relume::reference::{MAX_BOUNCE_IMAGES, Paths};
+use relume::transfer::{Encoding, Quality, Settings};
+use relume::{Error, Result};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// Measure how far relit images are from converged path tracing, and write the table, plots and pictures.
+///
+/// Each scene is path traced once under every light, in two halves with independent noise, which is thereby taken out
+/// of every error; it is prepared once in every encoding and relit under all lights. References and prepared transfers
+/// are kept in --cache for the next run. Paths on the command line are taken from the root of the workspace.
+#[derive(Parser, Clone, Debug)]
+#[command(name = "cargo xtask quality", bin_name = "cargo xtask quality", after_help = EXAMPLE, max_term_width = 100)]
+pub(crate) struct Arguments {
+    /// Scenes by name, without their endings .glb, .gltf or .obj; those that --scenes lacks are skipped.
+    #[arg(value_name = "SCENE", default_values = ["sponza", "still_life", "hairball", "temple", "cornell"])]
+    pub(crate) names: Vec<String>,
+    /// The folder that holds the scenes [default: the environment variable RELUME_SCENES].
+    #[arg(long, value_name = "DIR")]
+    scenes: Option<PathBuf>,
+    /// Width and height of the image in pixels.
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = image_size)]
+    pub(crate) size: (usize, usize),
+    /// Gather samples, a power of four.
+    #[arg(long, value_name = "N", default_value = "65536", value_parser = gather_count)]
+    pub(crate) gather: usize,
+    /// How much time and space to spend on a preparation: draft, standard or final.
+    #[arg(long, value_name = "QUALITY", default_value = "standard", value_parser = named::<Quality>)]
+    pub(crate) quality: Quality,
+    /// How the transfer is stored; each one is a line of the table.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = "low-rank,haar-rows",
+          value_parser = named::<Encoding>)]
+    pub(crate) encodings: Vec<Encoding>,
+    /// Lights to make for each scene.
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub(crate) lights: u32,
+    /// Take each rig (.toml) of this folder as one case, instead of making lights.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) rigs: Option<PathBuf>,
+    /// Seed of the lights and of the preparation.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) seed: u32,
+    /// Paths a pixel of a reference; its noise falls with the square root, and is stated.
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub(crate) spp: u32,
+    /// Indirect bounces, a column each: numbers from 1 to 16, or `all`.
+    #[arg(long, value_name = "N,...", value_delimiter = ',', default_value = "all", value_parser = bounces)]
+    pub(crate) bounces: Vec<Bounces>,
+    /// Which paths the truth has.
+    #[arg(long, value_enum, default_value_t = Truth::Transfer)]
+    paths: Truth,
+    /// Where to write quality.md, quality.json, pictures and plots.
+    #[arg(long, value_name = "DIR", default_value = "out/quality")]
+    pub(crate) out: PathBuf,
+    /// Where references and prepared transfers are kept.
+    #[arg(long, value_name = "DIR", default_value = ".cache/quality")]
+    pub(crate) cache: PathBuf,
+    /// Use nothing that an earlier run has kept.
+    #[arg(long)]
+    pub(crate) fresh: bool,
+    /// Threads to work on [default: one a processor].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    /// Print quality.json on stdout instead of the first table.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+const EXAMPLE: &str = "\
+A minute's try on the scene that comes with Relume:
+  cargo xtask quality arcade --scenes assets --size 160x120 --gather 4096 --quality draft --lights 4 --spp 32
+The six rigs of the benchmarks, after 1, 2 and 4 bounces:
+  cargo xtask quality sponza --rigs assets/rigs/sponza --bounces 1,2,4";
+
+/// `--paths`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Truth {
+    /// Those that the diffuse transfer models.
+    Transfer,
+    /// The same, but the first surface answers to all light by its full BSDF.
+    GlossyTransfer,
+    /// All that a renderer would show.
+    All,
+    /// `transfer` and `all`.
+    Both,
+}
+
+/// How many indirect bounces a column counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub(crate) struct Bounces(
+    /// `None` is unlimited.
+    pub(crate) Option<u32>,
+);
+
+impl std::fmt::Display for Bounces {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.0 {
+            Some(count) => write!(f, "{count}"),
+            None => f.write_str("all"),
+        }
+    }
+}
+
+impl Arguments {
+    /// The folder of scenes.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] where neither the argument nor the environment names a folder, or none that exists.
+    pub(crate) fn scene_folder(&self) -> Result<PathBuf> {
+        let named = self.scenes.clone().or_else(|| std::env::var_os("RELUME_SCENES").map(PathBuf::from));
+        let Some(folder) = named else {
+            return Err(Error::Setting(
+                "no folder of scenes is named; give one with --scenes DIR, or set RELUME_SCENES".to_owned(),
+            ));
+        };
+        if folder.is_dir() { Ok(folder) } else { Err(no_folder(&folder, "--scenes")) }
+    }
+
+    /// Settings of a preparation.
+    pub(crate) fn preparation(&self, encoding: Encoding) -> Settings {
+        Settings {
+            size: self.size,
+            gather: self.gather,
+            quality: self.quality,
+            encoding,
+            seed: self.seed,
+            ..Settings::default()
+        }
+    }
+
+    /// The truths to measure against.
+    pub(crate) fn truths(&self) -> &'static [Paths] {
+        match self.paths {
+            Truth::Transfer => &[Paths::Transfer],
+            Truth::GlossyTransfer => &[Paths::GlossyTransfer],
+            Truth::All => &[Paths::All],
+            Truth::Both => &[Paths::Transfer, Paths::All],
+        }
+    }
+}
+
+/// That a folder is missing, and which argument names it.
+pub(crate) fn no_folder(folder: &Path, argument: &str) -> Error {
+    Error::file(folder, format!("there is no such folder; name another one with {argument}"))
+}
+
+/// The command line to repeat a run by, with the last parts of absolute paths alone: folders of one machine mean nothing
+/// on another.
+pub(crate) fn command(arguments: impl Iterator<Item = String>) -> String {
+    let last_part = |text: &str| {
+        let path = Path::new(text);
+        let name = path.file_name().filter(|_| path.is_absolute());
+        name.map_or_else(|| text.to_owned(), |name| name.to_string_lossy().into_owned())
+    };
+    let shown = arguments.map(|argument| match argument.split_once('=') {
+        Some((name, value)) => format!("{name}={}", last_part(value)),
+        None => last_part(&argument),
+    });
+    std::iter::once("cargo xtask quality".to_owned()).chain(shown).collect::<Vec<_>>().join(" ")
+}
+
+/// A setting by the name it has in files.
+fn named<T: DeserializeOwned>(text: &str) -> Result<T, String> {
+    serde_json::from_value(text.into()).map_err(|error| error.to_string())
+}
+
+/// The name a setting has in files.
+pub(crate) fn name_of(setting: &impl Serialize) -> String {
+    let value = serde_json::to_value(setting).unwrap_or_default();
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// What the tables call a truth.
+pub(crate) fn paths_name(paths: Paths) -> &'static str {
+    match paths {
+        Paths::All => "all",
+        Paths::Transfer => "transfer",
+        Paths::GlossyTransfer => "glossy-transfer",
+    }
+}
+
+fn image_size(text: &str) -> Result<(usize, usize), String> {
+    let side = |side: &str| side.parse().ok().filter(|side| (1..=16_384).contains(side));
+    text.split_once(['x', 'X'])
+        .and_then(|(width, height)| Some((side(width)?, side(height)?)))
+        .ok_or_else(|| "write WIDTHxHEIGHT in pixels, each 1 to 16384, as 640x480".to_owned())
+}
+
+fn gather_count(text: &str) -> Result<usize, String> {
+    let is_count = |count: &usize| (256..=1 << 20).contains(count) && count.is_power_of_two();
+    let count = text.parse().ok().filter(is_count).filter(|count| count.trailing_zeros() % 2 == 0);
+    count.ok_or_else(|| "must be a power of four from 256 to 1048576".to_owned())
+}
+
+fn bounces(text: &str) -> Result<Bounces, String> {
+    if text == "all" {
+        return Ok(Bounces(None));
+    }
+    let count = text.parse().ok().filter(|count| (1..=MAX_BOUNCE_IMAGES).contains(count));
+    count.map(|count| Bounces(Some(count))).ok_or_else(|| format!("write 1 to {MAX_BOUNCE_IMAGES}, or `all`"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn every_example_is_a_command_line() {
+        Arguments::command().debug_assert();
+        let examples: Vec<_> =
+            EXAMPLE.lines().filter_map(|line| line.trim().strip_prefix("cargo xtask ")).collect();
+        assert_eq!(examples.len(), 2);
+        for example in examples {
+            Arguments::try_parse_from(example.split_whitespace()).unwrap();
+        }
+        let wrong = |argument: &str| Arguments::try_parse_from(["quality", argument]).is_err();
+        for argument in
+            ["--size=640", "--gather=512", "--bounces=0", "--bounces=17", "--encodings=best", "--lights=0"]
+        {
+            assert!(wrong(argument), "{argument}");
+        }
+    }
+
+    #[test]
+    fn commands_name_no_folder_of_this_machine() {
+        let line = ["sponza", "--scenes", "/a/b/scenes", "--out=/tmp/x", "--rigs", "assets/rigs"];
+        let shown = command(line.iter().map(|&argument| argument.to_owned()));
+        assert_eq!(shown, "cargo xtask quality sponza --scenes scenes --out=x --rigs assets/rigs");
+    }
+
+    #[test]
+    fn settings_go_by_their_names() {
+        let line = ["quality", "--bounces", "1,all", "--encodings", "haar-rows", "--paths", "both"];
+        let arguments = Arguments::try_parse_from(line).unwrap();
+        assert_eq!(arguments.bounces, [Bounces(Some(1)), Bounces(None)]);
+        assert_eq!(arguments.encodings, [Encoding::HaarRows]);
+        assert_eq!(name_of(&Encoding::HaarRows), "haar-rows");
+        assert_eq!(arguments.truths().len(), 2);
+        assert_eq!(arguments.names.len(), 5);
+    }
+}

@@ -1,0 +1,124 @@
+//! Error against size, one scene a plot.
+
+use std::io::Write;
+use std::path::Path;
+
+use plotters::backend::SVGBackend;
+use plotters::chart::{ChartBuilder, SeriesLabelPosition};
+use plotters::drawing::IntoDrawingArea;
+use plotters::element::{Circle, PathElement};
+use plotters::series::{LineSeries, PointSeries};
+use plotters::style::{BLACK, Color, IntoFont, RGBColor, WHITE};
+use relume::{Error, Result, atomic_write};
+
+use crate::report::SceneReport;
+
+/// Width and height of a plot, pixels.
+const SIZE: (u32, u32) = (640, 420);
+/// Colours told apart by people who see few, after Okabe and Ito, "Color Universal Design", 2008.
+const COLORS: [RGBColor; 6] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+];
+
+/// One encoding's mark: errors in percent.
+#[derive(Clone, Debug, PartialEq)]
+struct Mark {
+    label: String,
+    bytes_per_pixel: f64,
+    median: f64,
+    worst: f64,
+}
+
+/// Writes the relative error of the indirect light over bytes a pixel as SVG: for each encoding the median over lights
+/// as a full point, the worst as a ring, and a line between them. Shows the first truth and the last number of bounces.
+///
+/// # Errors
+/// As [`atomic_write`].
+pub(crate) fn write(scene: &SceneReport, path: &Path) -> Result<()> {
+    let svg = draw(&scene.name, &marks(scene))
+        .map_err(|error| Error::Setting(format!("{} cannot be drawn: {error}", path.display())))?;
+    atomic_write(path, |file| file.write_all(svg.as_bytes()).map_err(|error| Error::io(path, "write", error)))
+}
+
+fn marks(scene: &SceneReport) -> Vec<Mark> {
+    let of = |report: &crate::report::EncodingReport| {
+        let first = report.columns.first()?.paths;
+        let column = report.columns.iter().rfind(|column| column.paths == first)?;
+        let spread = column.summary.indirect.as_ref()?;
+        let mark = Mark {
+            label: report.encoding.clone(),
+            bytes_per_pixel: report.bytes_per_pixel,
+            median: 100.0 * spread.median,
+            worst: 100.0 * spread.worst,
+        };
+        (mark.median.is_finite() && mark.worst.is_finite()).then_some(mark)
+    };
+    scene.encodings.iter().filter_map(of).collect()
+}
+
+fn draw(title: &str, marks: &[Mark]) -> Result<String, Box<dyn std::error::Error>> {
+    let mut svg = String::new();
+    {
+        let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+        area.fill(&WHITE)?;
+        // room above for the legend
+        let most = |figure: fn(&Mark) -> f64| 1.25 * marks.iter().map(figure).fold(1.0, f64::max);
+        let mut chart = ChartBuilder::on(&area)
+            .caption(format!("{title}: error of the indirect light over size"), ("sans-serif", 18))
+            .margin(12)
+            .x_label_area_size(42)
+            .y_label_area_size(56)
+            .build_cartesian_2d(0.0..most(|mark| mark.bytes_per_pixel), 0.0..most(|mark| mark.worst))?;
+        chart
+            .configure_mesh()
+            .x_desc("bytes a pixel")
+            .y_desc("relative L2, % (point: median light, ring: worst)")
+            .x_label_formatter(&|bytes| format!("{bytes:.0}"))
+            .y_label_formatter(&|percent| format!("{percent:.0}"))
+            .label_style(("sans-serif", 13).into_font())
+            .light_line_style(WHITE)
+            .draw()?;
+        for (mark, color) in marks.iter().zip(COLORS.iter().cycle()) {
+            let (x, median, worst) = (mark.bytes_per_pixel, mark.median, mark.worst);
+            chart.draw_series(LineSeries::new([(x, median), (x, worst)], color.stroke_width(2)))?;
+            chart
+                .draw_series(PointSeries::<_, _, Circle<_, _>, _>::new([(x, median)], 5, color.filled()))?
+                .label(&mark.label)
+                .legend(|(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(4)));
+            let ring = PointSeries::<_, _, Circle<_, _>, _>::new([(x, worst)], 5, color.stroke_width(2));
+            chart.draw_series(ring)?;
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperRight)
+            .background_style(WHITE.mix(0.8))
+            .border_style(BLACK)
+            .label_font(("sans-serif", 13))
+            .draw()?;
+        area.present()?;
+    }
+    Ok(svg)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_encoding_has_its_mark() {
+        let mark =
+            |label: &str, x| Mark { label: label.into(), bytes_per_pixel: x, median: 8.0, worst: 20.0 };
+        let svg = draw("room", &[mark("low-rank", 123.0), mark("haar-rows", 325.0)]).unwrap();
+        for text in ["low-rank", "haar-rows", "bytes a pixel", "room"] {
+            assert!(svg.contains(text), "{text}");
+        }
+        assert_eq!(svg.matches("<circle").count(), 4);
+        assert_eq!(draw("room", &[mark("low-rank", 1.0)]).unwrap().matches("<circle").count(), 2);
+        assert!(draw("nothing", &[]).unwrap().starts_with("<svg"));
+    }
+}

@@ -1,7 +1,10 @@
 //! The gather cloud: areas, sides, holes, order, and the light on it.
 
 use relume::glam::{Vec2, Vec3};
-use relume::sample::{CellMap, GatherCloud, GatherSample, SUB_SAMPLES, SubSample, ViewSamples, illuminate};
+use relume::sample::{
+    CellMap, CloudMethod, CloudSettings, GatherCloud, GatherSample, SUB_SAMPLES, SubSample, ViewSamples,
+    illuminate,
+};
 use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef, Wrap};
 use relume::trace::sampling::{hash, unit};
 use relume::trace::{Hit, Ray};
@@ -12,6 +15,15 @@ use relume_tests::scenes::{
 
 /// What a camera of 40x30 pixels makes of the scene.
 fn gather(built: &TestScene, count: usize, seed: u32) -> relume::Result<(GatherCloud, CellMap)> {
+    gather_by(CloudMethod::Uniform, built, count, seed)
+}
+
+fn gather_by(
+    method: CloudMethod,
+    built: &TestScene,
+    count: usize,
+    seed: u32,
+) -> relume::Result<(GatherCloud, CellMap)> {
     let camera = &built.scene.cameras[0];
     let (width, height) = (40, 30);
     let (_, hits) =
@@ -21,7 +33,8 @@ fn gather(built: &TestScene, count: usize, seed: u32) -> relume::Result<(GatherC
     };
     let seen: Vec<(Hit, Vec3)> =
         hits.into_iter().enumerate().map(|(pixel, hit)| (hit, direction(pixel))).collect();
-    GatherCloud::new(&built.scene, &built.geometry, &built.accel, &seen, count, seed, &())
+    let settings = CloudSettings { count, method, seed };
+    GatherCloud::new(&built.scene, &built.geometry, &built.accel, &seen, &settings, &())
 }
 
 fn cloud(built: &TestScene) -> GatherCloud {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
+use relume::sample::CloudMethod;
 use relume::transfer::{Encoding, Quality, RowMethod, Settings};
 use relume::{Preparation, Result, Transfer};
 use serde::Serialize;
@@ -36,6 +37,9 @@ pub(crate) struct Arguments {
     /// Points that light is gathered from, a power of four. More resolve light finer and take longer.
     #[arg(long, value_name = "N", default_value = "65536", value_parser = gather_count)]
     gather: usize,
+    /// Where those points are dense.
+    #[arg(long, value_enum, default_value_t)]
+    cloud: CloudName,
     /// How much time and space to spend.
     #[arg(long, value_enum, default_value_t)]
     quality: QualityName,
@@ -80,6 +84,17 @@ enum EncodingName {
     LowRank,
     /// Every pixel keeps its own Haar coefficients (Hasan 2006), for comparison.
     HaarRows,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum CloudName {
+    /// Everywhere alike.
+    Uniform,
+    /// Where much of the picture gets its light from (Hasan 2006).
+    Importance,
+    /// Where single pixels get much of their light from, as in corners.
+    #[default]
+    Adaptive,
 }
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
@@ -162,6 +177,11 @@ impl Arguments {
             size: self.size,
             camera,
             gather: self.gather,
+            cloud: match self.cloud {
+                CloudName::Uniform => CloudMethod::Uniform,
+                CloudName::Importance => CloudMethod::Importance,
+                CloudName::Adaptive => CloudMethod::Adaptive,
+            },
             quality: match self.quality {
                 QualityName::Draft => Quality::Draft,
                 QualityName::Standard => Quality::Standard,

@@ -1,9 +1,9 @@
-//! Cutting surfaces into cells of equal area: the recursive split of Hasan 2006, section 4.1.
+//! Cells: the parts of surfaces that gather samples stand for.
 //!
 //! The paper splits a set of triangles by an axis-aligned plane until one sample is left, and lets that sample
-//! stand for whatever triangles remain. Here the split may also separate normals (weighed as in eq. 9), so that no
-//! cell bends round a corner, and a triangle that deserves several samples is cut into as many pieces, so that
-//! every cell is a known patch: sub-samples can be spread over it, and a ray's hit belongs to exactly one.
+//! stand for whatever triangles remain (Hasan 2006, section 4.1). Here the split may also separate normals (weighed as
+//! in eq. 9), so that no cell bends round a corner, and a triangle that deserves several samples is cut, so that every
+//! cell is a known part of the surfaces: points can be spread over it, and a ray's hit belongs to exactly one.
 
 use glam::{Vec2, Vec3};
 
@@ -49,7 +49,7 @@ pub(super) enum Cell {
 }
 
 /// Barycentric coordinates of a whole triangle's corners.
-const WHOLE: [Vec2; 3] = [Vec2::ZERO, Vec2::X, Vec2::Y];
+pub(super) const WHOLE: [Vec2; 3] = [Vec2::ZERO, Vec2::X, Vec2::Y];
 
 /// The ends of the longest edge, and the corner opposite.
 fn longest_edge(corners: [Vec3; 3]) -> [usize; 3] {
@@ -64,75 +64,35 @@ fn longest_edge(corners: [Vec3; 3]) -> [usize; 3] {
     }
 }
 
-fn at(corners: [Vec3; 3], uv: Vec2) -> Vec3 {
+pub(super) fn at(corners: [Vec3; 3], uv: Vec2) -> Vec3 {
     corners[0] + (corners[1] - corners[0]) * uv.x + (corners[2] - corners[0]) * uv.y
 }
 
 /// The two halves of a piece, cut through the middle of its longest edge.
-fn halves(corners: [Vec3; 3], piece: [Vec2; 3]) -> [[Vec2; 3]; 2] {
+pub(super) fn halves(corners: [Vec3; 3], piece: [Vec2; 3]) -> [[Vec2; 3]; 2] {
     let [i, j, k] = longest_edge(piece.map(|uv| at(corners, uv)));
     let middle = 0.5 * (piece[i] + piece[j]);
     [[piece[i], middle, piece[k]], [piece[j], middle, piece[k]]]
 }
 
-/// Which of `count` pieces of a triangle holds the point `uv`, in the order [`split`] makes them.
-pub(super) fn piece_at(corners: [Vec3; 3], count: u32, uv: Vec2) -> u32 {
-    let (mut piece, mut count, mut first) = (WHOLE, count, 0);
-    // barycentric weights of the point within the piece, by corner
-    let mut weight = [1.0 - uv.x - uv.y, uv.x, uv.y];
-    while count > 1 {
-        let [i, j, k] = longest_edge(piece.map(|uv| at(corners, uv)));
-        let [near, far] = halves(corners, piece);
-        let half = count / 2;
-        if weight[i] >= weight[j] {
-            (piece, count) = (near, half);
-            weight = [weight[i] - weight[j], 2.0 * weight[j], weight[k]];
-        } else {
-            (piece, count, first) = (far, count - half, first + half);
-            weight = [weight[j] - weight[i], 2.0 * weight[i], weight[k]];
-        }
-    }
-    first
+/// Whether a point of a piece, both in barycentric (u, v), lies in the second of its [`halves`].
+pub(super) fn in_second_half(corners: [Vec3; 3], piece: [Vec2; 3], uv: Vec2) -> bool {
+    let [i, j, k] = longest_edge(piece.map(|uv| at(corners, uv)));
+    // the cut is the line from the opposite corner to the middle of the edge; corner `j` lies on its second side
+    let middle = 0.5 * (piece[i] + piece[j]);
+    let cut = middle - piece[k];
+    let side = |point: Vec2| cut.perp_dot(point - piece[k]);
+    side(uv) * side(piece[j]) > 0.0
 }
 
-/// Cuts `facets` into exactly `budget` cells of about equal area. The pieces of one triangle follow each other.
+/// Parts sides of triangles into two sets of about equal area, by place or by facing, whichever differs more.
 ///
 /// `normal_scale` is the distance in metres that counts as much as a difference of one between two unit normals.
-pub(super) fn split(
-    geometry: &Geometry,
-    facets: &mut [Facet],
-    budget: usize,
-    normal_scale: f32,
-) -> Vec<Cell> {
-    if budget <= 1 {
-        return vec![Cell::Group(facets.to_vec())];
-    }
-    if let [facet] = *facets {
-        let mut cells = Vec::with_capacity(budget);
-        cut(facet, geometry.corners(facet.triangle as usize), WHOLE, budget, &mut cells);
-        return cells;
-    }
-    let key = split_key(facets, normal_scale);
+pub(super) fn halve_group(mut facets: Vec<Facet>, normal_scale: f32) -> [Vec<Facet>; 2] {
+    let key = split_key(&facets, normal_scale);
     facets.sort_unstable_by(|a, b| key(a).total_cmp(&key(b)).then_with(|| a.side().cmp(&b.side())));
-    let (middle, share) = halve_by_area(facets);
-    let near_budget = ((budget as f64 * share).round() as usize).clamp(1, budget - 1);
-    let (near, far) = facets.split_at_mut(middle);
-    let (mut cells, far_cells) = rayon::join(
-        || split(geometry, near, near_budget, normal_scale),
-        || split(geometry, far, budget - near_budget, normal_scale),
-    );
-    cells.extend(far_cells);
-    cells
-}
-
-fn cut(facet: Facet, corners: [Vec3; 3], piece: [Vec2; 3], count: usize, cells: &mut Vec<Cell>) {
-    if count == 1 {
-        cells.push(Cell::Piece(facet, piece));
-        return;
-    }
-    let [near, far] = halves(corners, piece);
-    cut(facet, corners, near, count / 2, cells);
-    cut(facet, corners, far, count - count / 2, cells);
+    let far = facets.split_off(halfway_by_area(&facets));
+    [facets, far]
 }
 
 /// The coordinate along which the facets spread most: of the centroid or of the normal.
@@ -159,18 +119,18 @@ fn split_key(facets: &[Facet], normal_scale: f32) -> impl Fn(&Facet) -> f32 + us
     move |facet| six(facet)[widest]
 }
 
-/// Where to part sorted facets so that both sides have about the same area, and the first side's share of it.
-fn halve_by_area(facets: &[Facet]) -> (usize, f64) {
+/// Where to part two or more sorted facets so that both sides have about the same area.
+fn halfway_by_area(facets: &[Facet]) -> usize {
     let total: f64 = facets.iter().map(|facet| f64::from(facet.area)).sum();
-    let (mut area, mut best) = (0.0, (1, f64::INFINITY, 0.5));
+    let (mut area, mut best) = (0.0, (1, f64::INFINITY));
     for (index, facet) in facets[..facets.len() - 1].iter().enumerate() {
         area += f64::from(facet.area);
         let unlike = (2.0 * area - total).abs();
         if unlike < best.1 {
-            best = (index + 1, unlike, area / total);
+            best = (index + 1, unlike);
         }
     }
-    (best.0, best.2)
+    best.0
 }
 
 /// A point of a cell: which side of which triangle, and barycentric (u, v) on it.
@@ -193,6 +153,33 @@ impl Cell {
         match self {
             Self::Group(facets) => facets[0].normal,
             Self::Piece(facet, _) => facet.normal,
+        }
+    }
+
+    /// The centroid of the cell's area and its mean normal; that of its first side where normals cancel out.
+    pub(super) fn middle(&self, geometry: &Geometry) -> (Vec3, Vec3) {
+        match self {
+            Self::Group(facets) => {
+                let area = self.area(geometry);
+                let mean = |of: fn(&Facet) -> Vec3| {
+                    facets.iter().map(|facet| of(facet) * (facet.area / area)).sum::<Vec3>()
+                };
+                let normal = mean(|facet| facet.normal);
+                let normal = if normal.length() > 0.5 { normal } else { facets[0].normal };
+                (mean(|facet| facet.centroid), normal)
+            }
+            Self::Piece(facet, piece) => {
+                let uv = (piece[0] + piece[1] + piece[2]) / 3.0;
+                (at(geometry.corners(facet.triangle as usize), uv), facet.normal)
+            }
+        }
+    }
+
+    /// The sides of triangles that it is a part of, or made of.
+    pub(super) fn facets(&self) -> &[Facet] {
+        match self {
+            Self::Group(facets) => facets,
+            Self::Piece(facet, _) => std::slice::from_ref(facet),
         }
     }
 
@@ -245,5 +232,44 @@ fn points_of_piece(
         let random = [unit(hash(2 * index, seed)), unit(hash(2 * index + 1, seed))];
         let (u, v) = uniform_triangle(random.into());
         points.push((facet, piece[0] + (piece[1] - piece[0]) * u + (piece[2] - piece[0]) * v));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_halves_of_a_piece_hold_each_of_its_points_once() {
+        let corners = [Vec3::ZERO, Vec3::new(3.0, 0.5, 0.0), Vec3::new(0.2, 1.0, 0.4)];
+        let mut piece = WHOLE;
+        for round in 0..6 {
+            let halves = halves(corners, piece);
+            for (which, half) in halves.into_iter().enumerate() {
+                let inside = half[0] * 0.2 + half[1] * 0.3 + half[2] * 0.5;
+                assert_eq!(in_second_half(corners, piece, inside), which == 1, "round {round}");
+            }
+            piece = halves[round % 2];
+        }
+    }
+
+    #[test]
+    fn a_group_is_parted_by_area_and_by_facing() {
+        let facet = |x: f32, normal: Vec3, area: f32, triangle| Facet {
+            triangle,
+            back: false,
+            area,
+            centroid: Vec3::new(x, 0.0, 0.0),
+            normal,
+        };
+        let row: Vec<Facet> = (0..8).map(|i| facet(i as f32, Vec3::Y, 1.0 + i as f32, i)).collect();
+        let [near, far] = halve_group(row, 0.1);
+        let area = |facets: &[Facet]| facets.iter().map(|facet| facet.area).sum::<f32>();
+        assert!((area(&near) - area(&far)).abs() < 8.0, "{} {}", area(&near), area(&far));
+        assert!(near.iter().all(|facet| facet.centroid.x < far[0].centroid.x));
+        let corner: Vec<Facet> =
+            (0..8).map(|i| facet(i as f32, if i % 2 == 0 { Vec3::Y } else { Vec3::X }, 1.0, i)).collect();
+        let [near, far] = halve_group(corner, 100.0);
+        assert!(near.iter().all(|facet| facet.normal == near[0].normal) && near.len() == far.len());
     }
 }

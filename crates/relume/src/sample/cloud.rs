@@ -4,13 +4,15 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::cells::{self, Cell, Facet};
+use super::cells::Facet;
+use super::refine::{Cuts, Part, Refinement};
+use super::sightings::{Sightings, side_of};
+use super::speakers::Speaker;
 use super::{PackedNormal, PackedUnit, reach, tree};
 use crate::progress::Progress;
 use crate::scene::{Geometry, Scene};
-use crate::shade;
 use crate::trace::sampling::hash;
-use crate::trace::{Accel, Hit};
+use crate::trace::{Accel, Hit, offset_origin};
 use crate::{Error, Result};
 
 /// Sub-samples a gather sample: points spread over the patch it stands for. More would resolve light's edges on the
@@ -49,8 +51,8 @@ pub struct SubSample {
     pub normal: PackedNormal,
     /// Hemispherical reflectance.
     pub albedo: PackedUnit,
-    /// Share of the patch that it stands for, `65535` is all of it; 0 fills up a patch that has fewer.
-    weight: u16,
+    /// Share of the patch's light that it stands for, `65535` is all of it; 0 fills up a patch that has fewer.
+    pub(super) weight: u16,
 }
 
 impl SubSample {
@@ -70,59 +72,53 @@ pub struct GatherCloud {
     pub sub_samples: Vec<SubSample>,
 }
 
-/// Which gather sample stands for a point of a surface.
-#[derive(Clone, Debug, Default)]
-pub struct CellMap {
-    /// By side of triangle: the first of its cells in the order they were cut, or `NONE`.
-    first: Vec<u32>,
-    /// By side of triangle: how many cells it was cut into.
-    count: Vec<u32>,
-    /// The gather sample of each cell.
-    sample_of_cell: Vec<u32>,
+/// How finely surfaces are parted, and where.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CloudMethod {
+    /// Cells of equal area.
+    Uniform,
+    /// Cells of equal importance to the view, with a floor by area (Hasan 2006, section 4.1).
+    Importance,
+    /// Cells small where single view samples depend on them strongly; the default.
+    #[default]
+    Adaptive,
 }
 
-const NONE: u32 = u32::MAX;
+/// What a cloud is made with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CloudSettings {
+    /// Gather samples: a power of four from 256 to 4^10.
+    pub count: usize,
+    /// Where they are dense.
+    pub method: CloudMethod,
+    /// Of all random numbers.
+    pub seed: u32,
+}
+
+/// Points spread over the area of each cell, towards which rays ask whether it is visible.
+pub const TARGETS: usize = 16;
+
+/// The cells that gather samples stand for; needed for preparation only.
+#[derive(Clone, Debug, Default)]
+pub struct CellMap {
+    cuts: Cuts,
+    /// [`TARGETS`] points for each gather sample, uniform over the area of its cell, lifted off the surface.
+    pub targets: Vec<Vec3>,
+    /// For each gather sample, the middle of its cell's area and the mean normal, which is shorter than 1 where the cell is
+    /// bent: where form factors are taken. The sample itself lies in the middle of what is seen, nearer to who sees it.
+    pub middles: Vec<(Vec3, Vec3)>,
+}
 
 impl CellMap {
-    fn new(triangles: usize, cells: &[Cell]) -> Self {
-        let mut map = Self {
-            first: vec![NONE; 2 * triangles],
-            count: vec![1; 2 * triangles],
-            sample_of_cell: (0..cells.len() as u32).collect(),
-        };
-        for (index, cell) in cells.iter().enumerate() {
-            match cell {
-                Cell::Group(facets) => {
-                    facets.iter().for_each(|facet| map.first[facet.side()] = index as u32);
-                }
-                Cell::Piece(facet, _) if map.first[facet.side()] == NONE => {
-                    map.first[facet.side()] = index as u32;
-                }
-                Cell::Piece(facet, _) => map.count[facet.side()] += 1,
-            }
-        }
-        map
-    }
-
     /// The gather sample that stands for where a ray of direction `direction` hit, seen from where the ray came from;
     /// `None` where no sample stands (the ray missed, or this side of the surface is never seen).
     pub fn sample_at(&self, geometry: &Geometry, hit: &Hit, direction: Vec3) -> Option<usize> {
         if !hit.is_hit() {
             return None;
         }
-        let triangle = hit.triangle as usize;
-        let back = geometry.area_vector(triangle).dot(direction) > 0.0;
-        let side = 2 * triangle + usize::from(back);
-        let first = self.first[side];
-        if first == NONE {
-            return None;
-        }
-        let within = match self.count[side] {
-            1 => 0,
-            count => cells::piece_at(geometry.corners(triangle), count, Vec2::new(hit.u, hit.v)),
-        };
-        let sample = self.sample_of_cell[(first + within) as usize];
-        (sample != NONE).then_some(sample as usize)
+        let side = side_of(geometry, hit, direction);
+        self.cuts.cell_at(geometry, side, Vec2::new(hit.u, hit.v)).map(|cell| cell as usize)
     }
 }
 
@@ -142,7 +138,7 @@ fn facets(scene: &Scene, geometry: &Geometry) -> Vec<Facet> {
 }
 
 impl GatherCloud {
-    /// A cloud of `count` samples, uniform over all surfaces from which light can find a way to the camera.
+    /// A cloud over all surfaces from which light can find a way to the camera.
     ///
     /// `seen` are the camera's first hits with the directions of their rays.
     ///
@@ -153,80 +149,32 @@ impl GatherCloud {
         geometry: &Geometry,
         accel: &Accel,
         seen: &[(Hit, Vec3)],
-        count: usize,
-        seed: u32,
+        settings: &CloudSettings,
         progress: &dyn Progress,
     ) -> Result<(Self, CellMap)> {
-        check_count(count)?;
+        check_count(settings.count)?;
         progress.stage("gather cloud", 4);
         let bounds = geometry.bounds().unwrap_or_default();
         let diagonal = bounds.0.distance(bounds.1).max(1e-6);
-        let build = Build { scene, geometry, accel, seen, seed, diagonal };
-        let facets = build.reached_facets(count)?;
+        let build = Build { scene, geometry, accel, seen, settings, diagonal };
+        let (facets, sightings) = build.reached()?;
         progress.advance(1);
-        let (patches, mut map) = build.patches(facets, count)?;
-        progress.advance(1);
-        let keys: Vec<_> = patches.iter().map(|patch| patch.key(diagonal)).collect();
-        let order = tree::order(&keys);
-        progress.advance(1);
-        let mut cloud = Self::default();
-        let mut rest = &order[..];
-        let mut sample_of_cell = vec![NONE; map.sample_of_cell.len()];
-        for size in tree::leaf_sizes(order.len(), count) {
-            let (members, after) = rest.split_at(size);
-            rest = after;
-            let members: Vec<&Patch> = members.iter().map(|&member| &patches[member as usize]).collect();
-            for patch in &members {
-                sample_of_cell[patch.cell as usize] = cloud.samples.len() as u32;
-            }
-            cloud.push(&members);
+        if progress.cancelled() {
+            return Err(Error::Cancelled);
         }
-        stand_in(&mut sample_of_cell);
-        map.sample_of_cell = sample_of_cell;
+        let refinement =
+            Refinement { geometry, sightings: &sightings, normal_scale: tree::normal_scale(diagonal) };
+        let (parts, cuts) = refinement.run(facets, settings.method, settings.count);
+        if parts.len() < settings.count {
+            return Err(too_few(settings.count));
+        }
+        progress.advance(1);
+        let cells: Vec<Portrait> =
+            parts.par_iter().enumerate().map(|(cell, part)| build.portrait(cell, part, &sightings)).collect();
+        progress.advance(1);
+        let (cloud, map) = ordered(&cells, cuts, diagonal);
         progress.advance(1);
         Ok((cloud, map))
-    }
-
-    /// Adds a sample that stands for all of `members`.
-    fn push(&mut self, members: &[&Patch]) {
-        let area: f32 = members.iter().map(|patch| patch.area).sum();
-        // What lies open counts for more than what is covered.
-        let open_area: f32 = members.iter().map(|patch| patch.area * patch.openness).sum();
-        let expected = |patch: &Patch| patch.area * patch.openness / open_area.max(1e-30);
-        let middle: Vec3 = members.iter().map(|patch| patch.position * expected(patch)).sum();
-        let facing: Vec3 = members.iter().map(|patch| patch.normal * expected(patch)).sum();
-        // The sample's light is the light of what is seen of it: each patch speaks by how often it was seen.
-        let sightings: f32 = members.iter().map(|patch| patch.sightings).sum();
-        let share = |patch: &Patch| {
-            (patch.sightings + PRIOR_SIGHTINGS * expected(patch)) / (sightings + PRIOR_SIGHTINGS)
-        };
-        let mean =
-            |of: fn(&Patch) -> Vec3| members.iter().map(|patch| of(patch) * share(patch)).sum::<Vec3>();
-        // the most typical point: near the middle, and facing as the patch does
-        let unlike = |patch: &Patch| {
-            patch.position.distance_squared(middle) + area * patch.normal.distance_squared(facing)
-        };
-        let nearest = |best, next| if unlike(next) < unlike(best) { next } else { best };
-        let typical = members[1..].iter().copied().fold(members[0], nearest);
-        self.samples.push(GatherSample {
-            position: typical.position,
-            area,
-            normal: typical.normal,
-            triangle: typical.triangle,
-            albedo: mean(|patch| patch.albedo),
-            reserved: 0,
-            emission: mean(|patch| patch.emission),
-            reserved2: 0,
-        });
-        let sub_sample = |patch: &Patch, share: f32| SubSample {
-            position: patch.position,
-            normal: PackedNormal::new(patch.normal),
-            albedo: PackedUnit::new(patch.albedo),
-            weight: (share * 65535.0).round() as u16,
-        };
-        self.sub_samples.extend(members.iter().map(|patch| sub_sample(patch, share(patch))));
-        let padding = SUB_SAMPLES.saturating_sub(members.len());
-        self.sub_samples.extend((0..padding).map(|_| sub_sample(members[0], 0.0)));
     }
 
     /// Number of gather samples, `n_g`.
@@ -240,17 +188,23 @@ impl GatherCloud {
     }
 }
 
-/// Gives every cell without a sample that of the last cell before it that has one, or else the first after it. A cell is
-/// left without one where a hole was found at its one point; rays may still meet the rest of it, and their light must
-/// not be lost. Cells come in an order in which neighbours follow each other.
-fn stand_in(sample_of_cell: &mut [u32]) {
-    let mut last = sample_of_cell.iter().copied().find(|&sample| sample != NONE).unwrap_or(NONE);
-    for sample in sample_of_cell {
-        if *sample == NONE {
-            *sample = last;
-        }
-        last = *sample;
+/// Puts the cells in the order of the cluster tree.
+fn ordered(cells: &[Portrait], mut cuts: Cuts, diagonal: f32) -> (GatherCloud, CellMap) {
+    let keys: Vec<_> =
+        cells.iter().map(|cell| tree::key(cell.sample.position, cell.sample.normal, diagonal)).collect();
+    let order = tree::order(&keys);
+    let mut numbers = vec![0; cells.len()];
+    for (number, &cell) in order.iter().enumerate() {
+        numbers[cell as usize] = number as u32;
     }
+    cuts.renumber(&numbers);
+    let in_order = || order.iter().map(|&cell| &cells[cell as usize]);
+    let cloud = GatherCloud {
+        samples: in_order().map(|cell| cell.sample).collect(),
+        sub_samples: in_order().flat_map(|cell| cell.sub_samples).collect(),
+    };
+    let targets = in_order().flat_map(|cell| cell.targets).collect();
+    (cloud, CellMap { cuts, targets, middles: in_order().map(|cell| cell.middle).collect() })
 }
 
 fn check_count(count: usize) -> Result<()> {
@@ -263,25 +217,20 @@ fn check_count(count: usize) -> Result<()> {
     )))
 }
 
-/// A small part of a surface, with one point that stands for it.
-struct Patch {
-    cell: u32,
-    position: Vec3,
-    normal: Vec3,
-    triangle: u32,
-    area: f32,
-    /// See [`reach::Surroundings`].
-    openness: f32,
-    /// How often it was seen.
-    sightings: f32,
-    albedo: Vec3,
-    emission: Vec3,
+fn nothing() -> Error {
+    Error::Setting("the camera sees no surface that reflects light: nothing to relight".into())
 }
 
-impl Patch {
-    fn key(&self, diagonal: f32) -> tree::Key {
-        tree::key(self.position, self.normal, self.openness, diagonal)
-    }
+fn too_few(count: usize) -> Error {
+    Error::Setting(format!("too few surfaces that light the view for {count} gather samples; ask for fewer"))
+}
+
+/// A cell as a gather sample.
+struct Portrait {
+    sample: GatherSample,
+    sub_samples: [SubSample; SUB_SAMPLES],
+    targets: [Vec3; TARGETS],
+    middle: (Vec3, Vec3),
 }
 
 /// What a cloud is built from.
@@ -290,89 +239,76 @@ struct Build<'a> {
     geometry: &'a Geometry,
     accel: &'a Accel,
     seen: &'a [(Hit, Vec3)],
-    seed: u32,
+    settings: &'a CloudSettings,
     diagonal: f32,
 }
 
-/// Rays by which a coarse cell is found to be reached.
-const COARSE_RAYS: usize = 32;
-/// Sightings of a gather sample that weigh as much as what its patches' areas let expect.
-const PRIOR_SIGHTINGS: f32 = 4.0;
-/// Rays by which a fine patch is found to be reached, and how open it lies.
-const FINE_RAYS: usize = 8;
-
 impl Build<'_> {
-    /// The sides of triangles from which light can leave for the camera, judged by coarse cells.
-    fn reached_facets(&self, count: usize) -> Result<Vec<Facet>> {
-        let mut facets = facets(self.scene, self.geometry);
+    /// The sides of triangles from which light can leave for the camera, judged by coarse cells, and who sees them.
+    fn reached(&self) -> Result<(Vec<Facet>, Sightings)> {
+        let facets = facets(self.scene, self.geometry);
         if facets.is_empty() {
             return Err(nothing());
         }
-        let (cells, map, surroundings) = self.explored(&mut facets, count, (COARSE_RAYS, 1.0));
-        let reached = reach::reached(self.geometry, &surroundings, &map, self.seen);
-        let facets = reach::keep_reached(&cells, &reached, facets);
-        if facets.is_empty() { Err(nothing()) } else { Ok(facets) }
-    }
-
-    fn explored(
-        &self,
-        facets: &mut [Facet],
-        count: usize,
-        (rays, scale): (usize, f32),
-    ) -> (Vec<Cell>, CellMap, Vec<reach::Surroundings>) {
-        let cells = cells::split(self.geometry, facets, count, tree::normal_scale(self.diagonal));
-        let map = CellMap::new(self.geometry.triangles.len(), &cells);
-        let found = reach::explore(self.geometry, self.accel, &cells, &map, (rays, scale), self.seed);
-        (cells, map, found)
-    }
-
-    /// Fine patches of all reached surfaces, `SUB_SAMPLES` for each of `count` gather samples or a few less, and how open
-    /// each lies. Patches in the holes of alpha masks, or that nothing reaches, are left out.
-    fn patches(&self, mut facets: Vec<Facet>, count: usize) -> Result<(Vec<Patch>, CellMap)> {
-        let area: f64 = facets.iter().map(|facet| f64::from(facet.area)).sum();
-        let scale = (area / count as f64).sqrt() as f32; // the size of a gather sample's patch
-        let (cells, map, surroundings) = self.explored(&mut facets, SUB_SAMPLES * count, (FINE_RAYS, scale));
-        let reached = reach::reached(self.geometry, &surroundings, &map, self.seen);
-        let sightings =
-            reach::sightings(self.geometry, self.accel, &surroundings, &map, self.seen, self.seed);
-        let patches: Vec<Patch> = cells
-            .par_iter()
-            .enumerate()
-            .filter(|&(cell, _)| reached[cell])
-            .filter_map(|(cell, shape)| {
-                self.patch(cell as u32, shape, surroundings[cell].openness, sightings[cell])
-            })
+        let normal_scale = tree::normal_scale(self.diagonal);
+        let none = Sightings::none(self.geometry);
+        let coarse = Refinement { geometry: self.geometry, sightings: &none, normal_scale };
+        let (parts, cuts) = coarse.run(facets.clone(), CloudMethod::Uniform, self.settings.count);
+        let surroundings = reach::explore(self.geometry, self.accel, &parts, &cuts, self.settings.seed);
+        let reached = reach::reached(self.geometry, &surroundings, &cuts, self.seen);
+        let facets = reach::keep_reached(&parts, &reached, facets);
+        if facets.is_empty() {
+            return Err(nothing());
+        }
+        // only what can reach the camera speaks
+        let others: Vec<_> = surroundings
+            .into_iter()
+            .zip(reached)
+            .filter(|&(_, reached)| reached)
+            .flat_map(|(surroundings, _)| surroundings.sightings)
             .collect();
-        if patches.len() < count {
-            return Err(Error::Setting(format!(
-                "too few surfaces that light the view for {count} gather samples; ask for fewer"
-            )));
-        }
-        Ok((patches, map))
+        let seed = self.settings.seed;
+        Ok((facets, Sightings::new(self.geometry, self.accel, self.seen, &others, seed)))
     }
 
-    fn patch(&self, cell: u32, shape: &Cell, openness: f32, sightings: f32) -> Option<Patch> {
-        let points = shape.points(self.geometry, 1, hash(cell, self.seed));
-        let (facet, uv) = points.first()?;
-        if !self.accel.masks().is_solid(facet.triangle, uv.x, uv.y) {
-            return None;
+    fn portrait(&self, cell: usize, part: &Part, sightings: &Sightings) -> Portrait {
+        let seed = hash(cell as u32, self.settings.seed);
+        let spread = part.cell.points(self.geometry, TARGETS, seed);
+        let solid: Vec<_> = spread
+            .iter()
+            .filter(|(facet, uv)| self.accel.masks().is_solid(facet.triangle, uv.x, uv.y))
+            .map(|&(facet, uv)| Speaker::new(self.geometry, facet.side(), uv, 1.0 / TARGETS as f32))
+            .collect();
+        let seen = Speaker::of_sightings(self.geometry, &part.sightings(sightings));
+        let area = part.area * solid.len() as f32 / TARGETS as f32;
+        let speakers = Speaker::chosen(&solid, &seen, seed);
+        let sub_samples = speakers.map(|speaker| speaker.sub_sample(self.scene, self.geometry));
+        let typical = Speaker::typical(&speakers, area);
+        let middle = match solid.len() {
+            TARGETS => part.cell.middle(self.geometry),
+            _ => (typical.position, typical.normal),
+        };
+        let surface = |speaker: &Speaker| speaker.surface(self.scene, self.geometry);
+        let mean = |of: fn(&crate::shade::Surface) -> Vec3| {
+            speakers.iter().map(|speaker| of(&surface(speaker)) * speaker.weight).sum::<Vec3>()
+        };
+        let lifted = |speaker: &Speaker| offset_origin(speaker.position, speaker.normal);
+        Portrait {
+            sample: GatherSample {
+                position: typical.position,
+                area,
+                normal: typical.normal,
+                triangle: (typical.side / 2) as u32,
+                albedo: mean(|surface| surface.hemispherical_reflectance()),
+                reserved: 0,
+                emission: mean(|surface| surface.emission),
+                reserved2: 0,
+            },
+            sub_samples,
+            middle,
+            targets: std::array::from_fn(|i| {
+                solid.get(i % solid.len().max(1)).map_or(typical.position, lifted)
+            }),
         }
-        let (scene, geometry) = (self.scene, self.geometry);
-        let surface = shade::surface_on_triangle(scene, geometry, facet.triangle, uv.x, uv.y, !facet.back);
-        Some(Patch {
-            cell,
-            position: surface.position,
-            normal: facet.normal,
-            triangle: facet.triangle,
-            area: shape.area(geometry),
-            openness: openness.max(1e-3),
-            sightings,
-            albedo: surface.hemispherical_reflectance(),
-            emission: surface.emission,
-        })
     }
-}
-
-fn nothing() -> Error {
-    Error::Setting("the camera sees no surface that reflects light: nothing to relight".into())
 }

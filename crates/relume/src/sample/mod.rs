@@ -5,10 +5,15 @@ mod cloud;
 mod illumination;
 mod packed;
 mod reach;
+mod refine;
+mod sightings;
+mod speakers;
 mod tree;
 mod view;
 
-pub use cloud::{CellMap, GatherCloud, GatherSample, SUB_SAMPLES, SubSample};
+pub use cloud::{
+    CellMap, CloudMethod, CloudSettings, GatherCloud, GatherSample, SUB_SAMPLES, SubSample, TARGETS,
+};
 pub use illumination::{CloudLight, illuminate};
 pub use packed::{PackedNormal, PackedUnit};
 pub use view::{ViewSample, ViewSamples, edge_pixels};

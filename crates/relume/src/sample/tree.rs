@@ -6,38 +6,25 @@
 use glam::Vec3;
 
 /// Where a sample lies for the tree: position and normal scaled as in eq. 9, so that the squared distance of two
-/// keys is `K^2 |dp|^2 + d^2 |dn|^2`, and how open it lies, weighed as the normal is: what is covered and what is
-/// exposed are lit and seen differently, however close they lie (two layers of cloth, a wall behind its panelling).
+/// keys is `K^2 |dp|^2 + d^2 |dn|^2`.
 pub(super) type Key = [f32; AXES];
 
-const AXES: usize = 7;
+const AXES: usize = 6;
 
 /// Weight of positions in eq. 9; the paper found 20 to 40 good.
 const POSITION_WEIGHT: f32 = 30.0;
-/// Weight of openness against normals.
-const OPENNESS_WEIGHT: f32 = 2.0;
 /// Rounds of k-means a split may take; it mostly settles in fewer.
 const ROUNDS: usize = 12;
 
 /// The key of a sample in a scene whose bounding box has a diagonal of `diagonal` metres.
-pub(super) fn key(position: Vec3, normal: Vec3, openness: f32, diagonal: f32) -> Key {
+pub(super) fn key(position: Vec3, normal: Vec3, diagonal: f32) -> Key {
     let (p, n) = (position * POSITION_WEIGHT, normal * diagonal);
-    [p.x, p.y, p.z, n.x, n.y, n.z, openness * diagonal * OPENNESS_WEIGHT]
+    [p.x, p.y, p.z, n.x, n.y, n.z]
 }
 
 /// Metres that weigh as much as a difference of one between unit normals.
 pub(super) fn normal_scale(diagonal: f32) -> f32 {
     diagonal / POSITION_WEIGHT
-}
-
-/// How many of `count` samples in tree order fall to each of `leaves` clusters (a power of two): as equal as halving
-/// makes them.
-pub(super) fn leaf_sizes(count: usize, leaves: usize) -> Vec<usize> {
-    let mut sizes = vec![count];
-    while sizes.len() < leaves {
-        sizes = sizes.iter().flat_map(|&size| [size / 2, size - size / 2]).collect();
-    }
-    sizes
 }
 
 /// The samples' numbers in tree order.

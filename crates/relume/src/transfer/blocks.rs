@@ -49,8 +49,9 @@ pub(super) fn of_pixels(view: &ViewSamples, edge: usize, seed: u32) -> Blocks {
     blocks
 }
 
-/// Runs of `length` gather samples, a power of four: clusters of the tree.
+/// Runs of `length` gather samples, a power of four, or of all if there are fewer: clusters of the tree.
 pub(super) fn of_cloud(cloud: &GatherCloud, length: usize, seed: u32) -> Blocks {
+    let length = length.min(cloud.len());
     let point = |(index, sample): (usize, &crate::sample::GatherSample)| GatherPoint {
         position: sample.position,
         shading_normal: sample.normal,

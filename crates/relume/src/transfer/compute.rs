@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
-use super::form_factors::Patches;
+use super::blocks::Blocks;
 use super::haar_rows::{self, HaarRows};
 use super::low_rank::{self, LowRank, LowRankSettings};
 use super::paper_rows::PaperRows;
@@ -54,23 +54,22 @@ enum EncodedBlock {
     HaarRows(haar_rows::EncodedRows),
 }
 
-/// Computes the operator that gathers at `points`, whose blocks are runs of the lengths `blocks`.
+/// Computes the operator that gathers from `count` cells at the points of `blocks`.
 pub(super) fn compute(
     estimator: RowEstimator<'_>,
     encoder: Encoder<'_>,
-    patches: &Patches,
-    points: &[GatherPoint],
-    blocks: &[usize],
+    count: usize,
+    blocks: &Blocks,
     progress: &dyn Progress,
 ) -> Result<Computed> {
-    let mut runs = Vec::with_capacity(blocks.len());
-    let mut rest = points;
-    for &length in blocks {
+    let mut runs = Vec::with_capacity(blocks.lengths.len());
+    let mut rest = &blocks.points[..];
+    for &length in &blocks.lengths {
         let (run, after) = rest.split_at(length);
         runs.push(run);
         rest = after;
     }
-    let workplaces: Mutex<Vec<Workplace>> = Mutex::default();
+    let workplaces = Workplaces::default();
     let encoded: Vec<(EncodedBlock, u64)> = runs
         .into_par_iter()
         .with_max_len(1)
@@ -78,20 +77,33 @@ pub(super) fn compute(
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }
-            let taken = workplaces.lock().map(|mut idle| idle.pop());
-            let mut workplace = taken.ok().flatten().unwrap_or_default();
-            let rays = workplace.estimate(estimator, patches.len(), points);
-            let encoded = workplace.encode(encoder, patches.len(), points.len());
-            if let Ok(mut idle) = workplaces.lock() {
-                idle.push(workplace);
-            }
+            let encoded = workplaces.with(|workplace| {
+                let rays = workplace.estimate(estimator, count, points);
+                (workplace.encode(encoder, count, points.len()), rays)
+            });
             progress.advance(points.len() as u64);
-            Ok((encoded, rays))
+            Ok(encoded)
         })
         .collect::<Result<_>>()?;
     let rays = encoded.iter().map(|(_, rays)| rays).sum();
-    let operator = assemble(encoded, encoder, points.len(), patches.len());
+    let operator = assemble(encoded, encoder, blocks.points.len(), count);
     Ok(Computed { operator, rays })
+}
+
+/// Those that no thread uses at the moment.
+#[derive(Default)]
+struct Workplaces(Mutex<Vec<Workplace>>);
+
+impl Workplaces {
+    fn with<T>(&self, work: impl FnOnce(&mut Workplace) -> T) -> T {
+        let taken = self.0.lock().map(|mut idle| idle.pop());
+        let mut workplace = taken.ok().flatten().unwrap_or_default();
+        let done = work(&mut workplace);
+        if let Ok(mut idle) = self.0.lock() {
+            idle.push(workplace);
+        }
+        done
+    }
 }
 
 impl Workplace {
@@ -99,7 +111,7 @@ impl Workplace {
         self.rows.clear();
         self.rows.resize(points.len() * count, 0.0);
         match estimator {
-            RowEstimator::Balanced(source) => rows::tiles(points)
+            RowEstimator::Balanced(source) => rows::tiles(points, source.settings.tile)
                 .iter()
                 .map(|tile| source.tile(points, tile, &mut self.rows, &mut self.scratch))
                 .sum(),
@@ -111,19 +123,25 @@ impl Workplace {
         }
     }
 
-    fn encode(&mut self, encoder: Encoder<'_>, count: usize, rows: usize) -> EncodedBlock {
+    /// Replaces the rows by their Haar coefficients, weighted by the prior if there is one.
+    fn transform(&mut self, count: usize, prior: Option<&[f32]>) {
         self.haar.resize(count, 0.0);
         for row in self.rows.chunks_exact_mut(count) {
             haar::forward(row, &mut self.haar);
-            if let Encoder::LowRank { prior, .. } = encoder {
+            if let Some(prior) = prior {
                 row.iter_mut().zip(prior).for_each(|(value, magnitude)| *value *= magnitude);
             }
         }
+    }
+
+    fn encode(&mut self, encoder: Encoder<'_>, count: usize, rows: usize) -> EncodedBlock {
         match encoder {
-            Encoder::LowRank { settings, .. } => {
+            Encoder::LowRank { settings, prior } => {
+                self.transform(count, Some(prior));
                 EncodedBlock::LowRank(low_rank::encode(&self.rows, rows, &settings))
             }
             Encoder::HaarRows { per_row } => {
+                self.transform(count, None);
                 EncodedBlock::HaarRows(haar_rows::encode(&self.rows, count, per_row))
             }
         }

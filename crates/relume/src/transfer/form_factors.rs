@@ -3,8 +3,7 @@
 use glam::Vec3;
 use multiversion::multiversion;
 
-use crate::sample::GatherCloud;
-use crate::trace::offset_origin;
+use crate::sample::{CellMap, GatherCloud, TARGETS};
 
 /// The cloud as structure of arrays, one entry a gather sample.
 #[derive(Clone, Debug, Default)]
@@ -17,23 +16,22 @@ pub(super) struct Patches {
     ny: Vec<f32>,
     nz: Vec<f32>,
     areas: Vec<f32>,
-    /// Where shadow rays to the patch end: its position lifted off the surface.
-    pub(super) targets: Vec<Vec3>,
+    /// `TARGETS` points a patch where shadow rays to it end.
+    targets: Vec<Vec3>,
 }
 
 impl Patches {
-    pub(super) fn new(cloud: &GatherCloud) -> Self {
-        let mut patches = Self::default();
-        for sample in &cloud.samples {
-            let weighted = sample.normal * (sample.area * std::f32::consts::FRAC_1_PI);
-            patches.x.push(sample.position.x);
-            patches.y.push(sample.position.y);
-            patches.z.push(sample.position.z);
+    pub(super) fn new(cloud: &GatherCloud, map: &CellMap) -> Self {
+        let mut patches = Self { targets: map.targets.clone(), ..Self::default() };
+        for (sample, (middle, normal)) in cloud.samples.iter().zip(&map.middles) {
+            let weighted = *normal * (sample.area * std::f32::consts::FRAC_1_PI);
+            patches.x.push(middle.x);
+            patches.y.push(middle.y);
+            patches.z.push(middle.z);
             patches.nx.push(weighted.x);
             patches.ny.push(weighted.y);
             patches.nz.push(weighted.z);
             patches.areas.push(sample.area);
-            patches.targets.push(offset_origin(sample.position, sample.normal));
         }
         patches
     }
@@ -41,6 +39,11 @@ impl Patches {
     /// Square metres.
     pub(super) fn area(&self, patch: usize) -> f32 {
         self.areas[patch]
+    }
+
+    /// A point of the patch, chosen at random by `random`: where a shadow ray to it ends.
+    pub(super) fn target(&self, patch: usize, random: u32) -> Vec3 {
+        self.targets[patch * TARGETS + random as usize % TARGETS]
     }
 
     pub(super) fn len(&self) -> usize {

@@ -11,7 +11,7 @@ use super::paper_rows::{ClusterBounds, PaperRows};
 use super::rows::{RowSettings, RowSource};
 use super::{Encoding, Occluders, Operator, Report, Timings, Transfer, blocks, prior};
 use crate::progress::Progress;
-use crate::sample::{CellMap, GatherCloud, ViewSamples};
+use crate::sample::{CellMap, CloudMethod, CloudSettings, GatherCloud, ViewSamples};
 use crate::scene::{Camera, Geometry, Scene};
 use crate::trace::Accel;
 use crate::{Error, Result};
@@ -49,6 +49,8 @@ pub struct Settings {
     pub camera: usize,
     /// Gather samples: a power of four. More resolve light finer, for proportionally more time.
     pub gather: usize,
+    /// Where gather samples are dense.
+    pub cloud: CloudMethod,
     /// Time and space to spend.
     pub quality: Quality,
     /// How operators are stored.
@@ -67,6 +69,7 @@ impl Default for Settings {
             size: (640, 480),
             camera: 0,
             gather: 65_536,
+            cloud: CloudMethod::Adaptive,
             quality: Quality::Standard,
             encoding: Encoding::LowRank,
             rows: RowMethod::Balanced,
@@ -82,13 +85,11 @@ struct Effort {
     bounce_rows: RowSettings,
     gather_encoding: LowRankSettings,
     bounce_encoding: LowRankSettings,
-    /// Edge of a pixel block: a power of two.
-    block_edge: usize,
     training_lights: usize,
 }
 
-/// Gather samples that share a basis of the bounce operator.
-const BOUNCE_BLOCK: usize = 256;
+/// Gather samples that share a basis of the bounce operator: a 64th of the scene, within these bounds; powers of four.
+const BOUNCE_BLOCK: (usize, usize) = (64, 1024);
 /// Opening threshold of the paper's cluster cut, squared size over squared distance.
 const PAPER_THRESHOLD: f32 = 0.01;
 /// Coefficients a row of the paper's multi-bounce matrix, as a share of the final gather's: 40 of 100.
@@ -96,34 +97,47 @@ const PAPER_BOUNCE_SHARE: f64 = 0.4;
 
 impl Quality {
     fn effort(self) -> Effort {
-        let rows = |hemisphere_rays, probes, faint| RowSettings { hemisphere_rays, probes, faint };
+        let rows = |hemisphere_rays, tile_rays, faint, tile| RowSettings {
+            hemisphere_rays,
+            tile_rays,
+            probes: 1,
+            faint,
+            tile,
+        };
         let low_rank = |rank, kept| LowRankSettings { rank, kept };
         match self {
             Self::Draft => Effort {
-                gather_rows: rows(64, 2, 2e-3),
-                bounce_rows: rows(64, 2, 2e-3),
-                gather_encoding: low_rank(10, 2048),
-                bounce_encoding: low_rank(8, 1024),
-                block_edge: 32,
+                gather_rows: rows(32, 512, 2e-2, 32),
+                bounce_rows: rows(32, 512, 2e-2, 16),
+                gather_encoding: low_rank(16, 2048),
+                bounce_encoding: low_rank(12, 4096),
                 training_lights: 64,
             },
             Self::Standard => Effort {
-                gather_rows: rows(192, 3, 1e-4),
-                bounce_rows: rows(96, 2, 1e-3),
-                gather_encoding: low_rank(16, 4096),
-                bounce_encoding: low_rank(16, 2048),
-                block_edge: 32,
+                gather_rows: rows(64, 4096, 4e-3, 16),
+                bounce_rows: rows(48, 1024, 1e-2, 16),
+                gather_encoding: low_rank(48, 4096),
+                bounce_encoding: low_rank(24, 8192),
                 training_lights: 192,
             },
             Self::Final => Effort {
-                gather_rows: rows(512, 6, 2e-5),
-                bounce_rows: rows(192, 4, 2e-4),
-                gather_encoding: low_rank(24, 8192),
-                bounce_encoding: low_rank(24, 4096),
-                block_edge: 32,
+                gather_rows: rows(128, 4096, 1e-3, 16),
+                bounce_rows: rows(128, 2048, 3e-3, 16),
+                gather_encoding: low_rank(64, 8192),
+                bounce_encoding: low_rank(32, 16_384),
                 training_lights: 384,
             },
         }
+    }
+}
+
+/// Edge of the blocks of pixels that share a basis, a power of two: smaller in small images, whose pixels lie farther
+/// apart and share less.
+fn block_edge((width, height): (usize, usize)) -> usize {
+    match width * height {
+        0..40_000 => 8,
+        40_000..160_000 => 16,
+        _ => 32,
     }
 }
 
@@ -308,9 +322,10 @@ impl Shot<'_> {
                 (*hit, camera.direction(x, y, width, height))
             })
             .collect();
-        let (count, seed) = (self.settings.gather, self.settings.seed);
+        let Settings { gather: count, cloud: method, seed, .. } = *self.settings;
+        let settings = CloudSettings { count, method, seed };
         let (cloud, map) =
-            GatherCloud::new(self.scene, self.geometry, self.accel, &seen, count, seed, progress)?;
+            GatherCloud::new(self.scene, self.geometry, self.accel, &seen, &settings, progress)?;
         Ok((view, cloud, map))
     }
 
@@ -323,7 +338,7 @@ impl Shot<'_> {
     ) -> Result<(Computed, Computed, Vec<u32>)> {
         let effort = self.settings.quality.effort();
         let seed = self.settings.seed;
-        let patches = Patches::new(cloud);
+        let patches = Patches::new(cloud, map);
         let bounds = ClusterBounds::new(cloud);
         let estimator = |settings| match self.settings.rows {
             RowMethod::Balanced => RowEstimator::Balanced(RowSource {
@@ -346,17 +361,18 @@ impl Shot<'_> {
             let magnitudes = prior::magnitudes(cloud, &lights, None);
             let share = (self.settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
             let encoder = self.encoder(effort.bounce_encoding, &magnitudes, share);
-            let rows = blocks::of_cloud(cloud, BOUNCE_BLOCK, seed);
+            let rows =
+                blocks::of_cloud(cloud, (cloud.len() / 64).clamp(BOUNCE_BLOCK.0, BOUNCE_BLOCK.1), seed);
             progress.stage("bounces", rows.points.len() as u64);
             let estimator = estimator(effort.bounce_rows);
-            compute::compute(estimator, encoder, &patches, &rows.points, &rows.lengths, progress)?
+            compute::compute(estimator, encoder, patches.len(), &rows, progress)?
         };
         let magnitudes = prior::magnitudes(cloud, &lights, self.bounce_for_prior(&bounce.operator));
         let encoder = self.encoder(effort.gather_encoding, &magnitudes, self.settings.coefficients);
-        let rows = blocks::of_pixels(view, effort.block_edge, seed);
+        let rows = blocks::of_pixels(view, block_edge(self.settings.size), seed);
         progress.stage("final gather", rows.points.len() as u64);
         let estimator = estimator(effort.gather_rows);
-        let gather = compute::compute(estimator, encoder, &patches, &rows.points, &rows.lengths, progress)?;
+        let gather = compute::compute(estimator, encoder, patches.len(), &rows, progress)?;
         Ok((gather, bounce, rows.owners))
     }
 

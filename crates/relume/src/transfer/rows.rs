@@ -1,18 +1,25 @@
-//! Rows of the diffuse final gather by two estimators, balanced.
+//! Rows of the diffuse final gather by two estimators, balanced, with visibility shared between neighbouring points.
 //!
-//! `F_d[v, g]` is estimated by `N` cosine-distributed hemisphere rays and by one form factor a patch, combined by the
-//! balance heuristic: with `f = cos_v cos_g A / (pi r^2)`, a patch's form factor counts `f V / (N f + 1)` and a
-//! hemisphere ray that hits the patch counts `f / (N f + 1)` with `f` at the hit. Both are at most `1 / N`: near
-//! patches, whose form factor is wrong and would have to be clamped (Hasan 2006, section 4.3), are left to the rays, far
-//! small ones to their form factors.
+//! Points that lie close together and face alike see the same surfaces: a *tile* of them gathers together.
 //!
-//! Visibility `V` is shared: a *tile* of up to 16 neighbouring points asks a cluster of 16 patches by two sets of a few
-//! rays. The first set, with the tile's hemisphere rays, decides: where it finds the cluster neither wholly visible nor
-//! wholly hidden, every point asks for every four patches. Elsewhere the mean of the second set is the visibility. A set
-//! that decided could not be used as well: a cluster seen by a fifth would mostly be found hidden, and its light lost;
-//! with two sets every entry is right on average.
+//! - *Hemisphere rays.* Each point of a tile sends `n` cosine-distributed rays, and each hit counts for all points of the
+//!   tile, weighted by what the others could have found there: with `G_p = cos_p cos_x / (pi r^2)`, a hit at `x` on a cell of
+//!   area `A` adds `G_p(x) / (n sum_q G_q(x)) w(x)` to the row of `p`, where `w = m sum_q G_q A / (m sum_q G_q A + 1)`. Sixteen
+//!   points with a hundred rays each gather as by sixteen hundred.
+//! - *Form factors.* Every cell's own, `f_p = G_p A`, adds `V f_p (1 - w)`, where `V` is the cell's visibility from the tile:
+//!   the mean of rays from points of the tile, chosen by form factor, to points spread over the cell.
+//!
+//! With `m = n` this is the balance heuristic (Veach 1997, section 9.2.2) over the tile's strategies. Here `m` is smaller, as if
+//! the tile had sent [`BALANCE`] rays: any weights that add up to one are right on average, and form factors of cells that are
+//! small to the eye vary less than one random point a cell would. Near cells, whose form factor says little and would have to
+//! be clamped (Hasan 2006, section 4.3), are left to the hits, far and small ones to their form factors.
+//!
+//! Visibility is shared between points, hardly between cells. The converse, one ray from each point to a cluster of cells,
+//! gives what is visible of the cluster to all its cells alike, the hidden ones too. These are mostly hidden from the lights
+//! as well: every row has the right sum, and the image is too dark.
 
 use glam::Vec3;
+use multiversion::multiversion;
 
 use super::form_factors::Patches;
 use crate::sample::CellMap;
@@ -20,25 +27,30 @@ use crate::scene::Geometry;
 use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d, unit};
 use crate::trace::{Accel, Hit, Ray, offset_origin};
 
-/// Patches whose visibility is asked for together.
-const CLUSTER: usize = 16;
-/// Patches that share a ray where a cluster is partly visible.
-const SUB_CLUSTER: usize = 4;
-/// Patches whose form factors are computed together: they stay in the first-level cache.
+/// Cells that share one ray where they matter little: siblings in the cluster tree.
+const FAMILY: usize = 4;
+/// Cells whose form factors are computed together: with those of a whole tile they stay in the second-level cache.
 const CHUNK: usize = 1024;
-/// Points that ask together.
-pub(super) const TILE: usize = 16;
+/// Hemisphere rays that a tile counts as if it had sent, when hits are weighed against form factors. More leave more to the
+/// hits, which are noisier; fewer leave cells to form factors that are large enough for these to be wrong.
+const BALANCE: f32 = 320.0;
+/// Most points of a tile.
+pub(super) const TILE: usize = 64;
 
 /// How rows are estimated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct RowSettings {
     /// Hemisphere rays a point. More leave less noise in rows near corners.
     pub(super) hemisphere_rays: usize,
-    /// Rays of each of the two sets by which a tile asks for a cluster.
+    /// Points of small tiles send more, until the tile has this many.
+    pub(super) tile_rays: usize,
+    /// Visibility rays a cell and tile. More leave less noise where cells are partly visible.
     pub(super) probes: usize,
-    /// Clusters whose unshadowed form factors add up to less than this are not asked about twice: their visibility is
-    /// the mean of the probes.
+    /// Cells whose form factors, over all points of the tile, add up to less than this with their siblings' share one
+    /// ray with these. Larger spends fewer rays and darkens a little what lies beside hidden cells.
     pub(super) faint: f32,
+    /// Points of a tile, at most [`TILE`]. More share more; too many blur what lies close to them.
+    pub(super) tile: usize,
 }
 
 /// A point that gathers.
@@ -75,179 +87,212 @@ pub(super) struct RowSource<'a> {
 pub(super) struct RowScratch {
     /// Unshadowed form factors, `CHUNK` a point.
     factors: Vec<f32>,
+    /// Their sums over the tile, one a cell of the chunk.
+    shares: Vec<f32>,
+    /// Visibility from the tile, one a cell of the chunk.
+    visible: Vec<f32>,
     rays: Vec<Ray>,
     blocked: Vec<bool>,
     hits: Vec<Hit>,
-    /// By cluster: whether a hemisphere ray of the tile has hit it.
-    seen: Vec<bool>,
-    /// Per cluster of the chunk: index of its first probe, and how many.
-    probes: Vec<(u32, u32)>,
-    /// Which point and patches a ray of the second round speaks for, and their form factors' sum.
+    /// Which cells of the chunk a visibility ray speaks for: the first, and how many.
     asked: Vec<(u32, u32)>,
 }
 
+/// The points of a tile, as structure of arrays.
+struct Tile<'a> {
+    points: Vec<&'a GatherPoint>,
+    x: [Vec<f32>; 3],
+    /// Shading normals.
+    n: [Vec<f32>; 3],
+}
+
+impl<'a> Tile<'a> {
+    fn new(points: &'a [GatherPoint], members: &[u32]) -> Self {
+        let points: Vec<&GatherPoint> = members.iter().map(|&member| &points[member as usize]).collect();
+        let axes = |of: &dyn Fn(&GatherPoint) -> Vec3| {
+            std::array::from_fn(|axis| points.iter().map(|point| of(point)[axis]).collect())
+        };
+        Self { x: axes(&|point| point.position), n: axes(&|point| point.shading_normal), points }
+    }
+}
+
 impl RowSource<'_> {
-    /// Adds the rows of the up to [`TILE`] points `tile` (numbers in `points`) to `rows`, which has a row of one entry
-    /// a patch for each of `points`, zero on entry. Returns the number of rays.
+    /// Adds the rows of the up to [`TILE`] points `members` (numbers in `points`) to `rows`, which has a row of one entry
+    /// a cell for each of `points`, zero on entry. Returns the number of rays.
     pub(super) fn tile(
         &self,
         points: &[GatherPoint],
-        tile: &[u32],
+        members: &[u32],
         rows: &mut [f32],
         scratch: &mut RowScratch,
     ) -> u64 {
         let count = self.patches.len();
-        let points: Vec<GatherPoint> = tile.iter().map(|&point| points[point as usize]).collect();
-        scratch.seen.clear();
-        scratch.seen.resize(count / CLUSTER, false);
-        let mut rays = 0;
-        for (point, &row) in points.iter().zip(tile) {
-            let row = &mut rows[row as usize * count..(row as usize + 1) * count];
-            rays += self.hemisphere(point, row, scratch);
-        }
+        let tile = Tile::new(points, members);
+        let of_tile = self.settings.tile_rays.div_ceil(members.len());
+        let each = of_tile.clamp(self.settings.hemisphere_rays, 8 * self.settings.hemisphere_rays);
+        let balance = BALANCE / members.len() as f32;
+        let mut rays = self.hemisphere(&tile, members, each, rows, scratch);
         for first in (0..count).step_by(CHUNK) {
             let width = CHUNK.min(count - first);
-            scratch.factors.resize(points.len() * width, 0.0);
-            for (point, factors) in points.iter().zip(scratch.factors.chunks_exact_mut(width)) {
+            scratch.factors.resize(members.len() * width, 0.0);
+            scratch.shares.clear();
+            scratch.shares.resize(width, 0.0);
+            for (point, factors) in tile.points.iter().zip(scratch.factors.chunks_exact_mut(width)) {
                 self.patches.form_factors(first, point.position, point.shading_normal, factors);
+                add(&mut scratch.shares, factors);
             }
-            rays += self.probe_clusters(&points, first, width, scratch);
-            rays += self.settle_clusters(&points, tile, (first, width), rows, scratch);
+            rays += self.ask(&tile, first, width, scratch);
+            for (&member, factors) in members.iter().zip(scratch.factors.chunks_exact(width)) {
+                let row = &mut rows[member as usize * count + first..][..width];
+                add_balanced(row, factors, &scratch.shares, &scratch.visible, balance);
+            }
         }
         rays
     }
 
-    /// First round: a few rays from the tile to each cluster that could light it.
-    fn probe_clusters(
-        &self,
-        points: &[GatherPoint],
-        first: usize,
-        width: usize,
-        scratch: &mut RowScratch,
-    ) -> u64 {
+    /// The visibility of the cells `first..first + width` from the tile.
+    fn ask(&self, tile: &Tile<'_>, first: usize, width: usize, scratch: &mut RowScratch) -> u64 {
         scratch.rays.clear();
-        scratch.probes.clear();
-        for cluster in (0..width).step_by(CLUSTER) {
-            let begin = scratch.rays.len() as u32;
-            let mut share = [0.0; TILE];
-            for (share, factors) in share.iter_mut().zip(scratch.factors.chunks_exact(width)) {
-                *share = factors[cluster..cluster + CLUSTER].iter().sum();
+        scratch.asked.clear();
+        for family in (0..width).step_by(FAMILY) {
+            let shares = &scratch.shares[family..family + FAMILY];
+            let total: f32 = shares.iter().sum();
+            if total <= 0.0 {
+                continue;
             }
-            let total: f32 = share.iter().sum();
-            if total > 0.0 {
-                let seed = hash((first + cluster) as u32, points[0].seed);
-                for probe in 0..self.settings.probes {
-                    let at =
-                        (probe as f32 + unit(hash(2 * probe as u32, seed))) / self.settings.probes as f32;
-                    let point = pick(&share[..points.len()], at * total);
-                    let factors = &scratch.factors[point * width + cluster..][..CLUSTER];
-                    let patch = pick(factors, unit(hash(2 * probe as u32 + 1, seed)) * share[point]);
-                    let target = self.patches.targets[first + cluster + patch];
-                    scratch.rays.push(Ray::between(points[point].origin(), target));
+            let seed = hash((first + family) as u32, tile.points[0].seed);
+            if total < self.settings.faint {
+                let member = pick(shares, unit(hash(0, seed)) * total);
+                scratch.asked.push((family as u32, FAMILY as u32));
+                scratch.rays.push(self.probe(tile, (first, width), family + member, &scratch.factors, seed));
+                continue;
+            }
+            for cell in (family..family + FAMILY).filter(|&cell| scratch.shares[cell] > 0.0) {
+                for probe in 0..self.settings.probes as u32 {
+                    let seed = hash(probe + 1, seed ^ cell as u32);
+                    scratch.asked.push((cell as u32, 1));
+                    scratch.rays.push(self.probe(tile, (first, width), cell, &scratch.factors, seed));
                 }
             }
-            scratch.probes.push((begin, scratch.rays.len() as u32 - begin));
         }
-        self.occlude(scratch)
+        scratch.blocked.resize(scratch.rays.len(), false);
+        self.accel.occluded_batch(&scratch.rays, &mut scratch.blocked);
+        scratch.visible.clear();
+        scratch.visible.resize(width, 0.0);
+        let share = 1.0 / self.settings.probes as f32;
+        let asked = scratch.asked.iter().zip(&scratch.blocked);
+        for (&(cell, cells), _) in asked.filter(|&(_, &hidden)| !hidden) {
+            let each = if cells == 1 { share } else { 1.0 };
+            scratch.visible[cell as usize..(cell + cells) as usize].iter_mut().for_each(|v| *v += each);
+        }
+        scratch.rays.len() as u64
     }
 
-    /// Second round: settles each cluster by its probes, or by a ray from each point to each four patches.
-    fn settle_clusters(
+    /// A ray from a point of the tile, chosen by form factor, to a point of a cell of the chunk.
+    fn probe(
         &self,
-        points: &[GatherPoint],
-        tile: &[u32],
+        tile: &Tile<'_>,
         (first, width): (usize, usize),
+        cell: usize,
+        factors: &[f32],
+        seed: u32,
+    ) -> Ray {
+        let mut column = [0.0; TILE];
+        for (entry, factors) in column.iter_mut().zip(factors.chunks_exact(width)) {
+            *entry = factors[cell];
+        }
+        let total: f32 = column.iter().sum();
+        let point = pick(&column[..tile.points.len()], unit(hash(1, seed)) * total);
+        Ray::between(tile.points[point].origin(), self.patches.target(first + cell, hash(2, seed)))
+    }
+
+    /// The hemisphere rays' share: `each` rays from every point of the tile.
+    fn hemisphere(
+        &self,
+        tile: &Tile<'_>,
+        members: &[u32],
+        each: usize,
         rows: &mut [f32],
         scratch: &mut RowScratch,
     ) -> u64 {
         scratch.rays.clear();
-        scratch.asked.clear();
-        let rays = self.settings.hemisphere_rays as f32;
-        let stride = self.patches.len();
-        for (cluster, &(begin, probes)) in scratch.probes.iter().enumerate() {
-            if probes == 0 {
-                continue;
-            }
-            let begin = begin as usize;
-            let (deciding, valuing) =
-                scratch.blocked[begin..begin + probes as usize].split_at(probes as usize / 2);
-            let open = |set: &[bool]| set.iter().filter(|&&blocked| !blocked).count();
-            let hidden = open(deciding) == 0 && !scratch.seen[(first + cluster * CLUSTER) / CLUSTER];
-            let alike = hidden || open(deciding) == deciding.len();
-            let visible = open(valuing) as f32 / valuing.len() as f32;
-            let (low, high) = (cluster * CLUSTER, (cluster + 1) * CLUSTER);
-            for (index, point) in points.iter().enumerate() {
-                let factors = &scratch.factors[index * width + low..index * width + high];
-                let total: f32 = factors.iter().sum();
-                if alike || total < self.settings.faint {
-                    let start = tile[index] as usize * stride + first;
-                    let row = &mut rows[start + low..start + high];
-                    if visible > 0.0 {
-                        add_balanced(row, factors, rays, visible);
-                    }
-                    continue;
-                }
-                for sub in (0..CLUSTER).step_by(SUB_CLUSTER) {
-                    let factors = &factors[sub..sub + SUB_CLUSTER];
-                    let share: f32 = factors.iter().sum();
-                    if share > 0.0 {
-                        let patch = first + low + sub;
-                        let random = unit(hash(patch as u32, point.seed));
-                        let target = self.patches.targets[patch + pick(factors, random * share)];
-                        scratch.rays.push(Ray::between(point.origin(), target));
-                        scratch.asked.push((index as u32, patch as u32));
-                    }
-                }
-            }
+        for point in &tile.points {
+            let origin = point.origin();
+            scratch.rays.extend(
+                (0..each as u32)
+                    .map(|index| cosine_hemisphere(point.shading_normal, sobol_2d(index, 0, point.seed)))
+                    .filter(|direction| direction.dot(point.geometric_normal) > 0.0)
+                    .map(|direction| Ray::new(origin, direction)),
+            );
         }
-        let count = self.occlude(scratch);
-        for (&(point, patch), _) in
-            scratch.asked.iter().zip(&scratch.blocked).filter(|&(_, &blocked)| !blocked)
-        {
-            let (point, patch) = (point as usize, patch as usize);
-            let factors = &scratch.factors[point * width + patch - first..][..SUB_CLUSTER];
-            let row = &mut rows[tile[point] as usize * stride + patch..][..SUB_CLUSTER];
-            add_balanced(row, factors, rays, 1.0);
-        }
-        count
-    }
-
-    fn occlude(&self, scratch: &mut RowScratch) -> u64 {
-        scratch.blocked.resize(scratch.rays.len(), false);
-        self.accel.occluded_batch(&scratch.rays, &mut scratch.blocked);
-        scratch.rays.len() as u64
-    }
-
-    /// The share of the hemisphere rays.
-    fn hemisphere(&self, point: &GatherPoint, row: &mut [f32], scratch: &mut RowScratch) -> u64 {
-        let count = self.settings.hemisphere_rays;
-        let origin = point.origin();
-        scratch.rays.clear();
-        scratch.rays.extend(
-            (0..count as u32)
-                .map(|index| cosine_hemisphere(point.shading_normal, sobol_2d(index, 0, point.seed)))
-                .filter(|direction| direction.dot(point.geometric_normal) > 0.0)
-                .map(|direction| Ray::new(origin, direction)),
-        );
         scratch.hits.resize(scratch.rays.len(), Hit::MISS);
         self.accel.closest_batch(&scratch.rays, &mut scratch.hits);
+        let count = self.patches.len();
+        let balance = BALANCE / members.len() as f32;
+        let mut geometry_terms = [0.0; TILE];
+        let terms = &mut geometry_terms[..members.len()];
         for (ray, hit) in scratch.rays.iter().zip(&scratch.hits) {
-            let Some(patch) = self.map.sample_at(self.geometry, hit, ray.direction) else { continue };
-            let normal = self.geometry.area_vector(hit.triangle as usize).normalize_or_zero();
-            let cosines = point.shading_normal.dot(ray.direction) * normal.dot(ray.direction).abs();
-            let square = (hit.t * hit.t).max(1e-12);
-            let factor = cosines * self.patches.area(patch) * std::f32::consts::FRAC_1_PI / square;
-            row[patch] += factor / (count as f32 * factor + 1.0);
-            scratch.seen[patch / CLUSTER] = true;
+            let Some(cell) = self.map.sample_at(self.geometry, hit, ray.direction) else { continue };
+            let area_vector = self.geometry.area_vector(hit.triangle as usize).normalize_or_zero();
+            let normal = if area_vector.dot(ray.direction) > 0.0 { -area_vector } else { area_vector };
+            let total = geometry_factors(tile, ray.origin + ray.direction * hit.t, normal, terms);
+            if total <= 0.0 {
+                continue;
+            }
+            // a cell whose area nothing has seen before has no form factor: the hits count alone
+            let area = self.patches.area(cell);
+            let by_area = if area > 0.0 { 1.0 / area } else { 0.0 };
+            let weight = balance / (each as f32 * (balance * total + by_area));
+            for (&member, &term) in members.iter().zip(&*terms) {
+                rows[member as usize * count + cell] += weight * term;
+            }
         }
         scratch.rays.len() as u64
     }
 }
 
-/// `row += visible * f / (N f + 1)`.
-fn add_balanced(row: &mut [f32], factors: &[f32], rays: f32, visible: f32) {
-    for (entry, &factor) in row.iter_mut().zip(factors) {
-        *entry += visible * factor / (rays * factor + 1.0);
+/// `G_p = cos_p cos_x / (pi r^2)` between every point of the tile and a point `x` with a normal; returns their sum.
+fn geometry_factors(tile: &Tile<'_>, x: Vec3, normal: Vec3, out: &mut [f32]) -> f32 {
+    geometry_factors_of(
+        [&tile.x[0], &tile.x[1], &tile.x[2]],
+        [&tile.n[0], &tile.n[1], &tile.n[2]],
+        x.to_array(),
+        (normal * std::f32::consts::FRAC_1_PI).to_array(),
+        out,
+    );
+    out.iter().sum()
+}
+
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn geometry_factors_of(p: [&[f32]; 3], n: [&[f32]; 3], x: [f32; 3], normal: [f32; 3], out: &mut [f32]) {
+    let count = out.len();
+    let [px, py, pz] = p.map(|axis| &axis[..count]);
+    let [nx, ny, nz] = n.map(|axis| &axis[..count]);
+    for i in 0..count {
+        let (dx, dy, dz) = (x[0] - px[i], x[1] - py[i], x[2] - pz[i]);
+        let square = dx * dx + dy * dy + dz * dz + 1e-12;
+        let cos_point = dx * nx[i] + dy * ny[i] + dz * nz[i];
+        let cos_hit = -(dx * normal[0] + dy * normal[1] + dz * normal[2]);
+        let above = if cos_point > 0.0 { cos_point } else { 0.0 };
+        let facing = if cos_hit > 0.0 { cos_hit } else { 0.0 };
+        out[i] = above * facing / (square * square);
+    }
+}
+
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn add(sums: &mut [f32], values: &[f32]) {
+    for (sum, value) in sums.iter_mut().zip(values) {
+        *sum += value;
+    }
+}
+
+/// `row += V f / (m sum f + 1)`.
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn add_balanced(row: &mut [f32], factors: &[f32], shares: &[f32], visible: &[f32], balance: f32) {
+    let count = row.len();
+    let (factors, shares, visible) = (&factors[..count], &shares[..count], &visible[..count]);
+    for i in 0..count {
+        row[i] += visible[i] * factors[i] / (balance * shares[i] + 1.0);
     }
 }
 
@@ -266,13 +311,13 @@ fn pick(weights: &[f32], at: f32) -> usize {
     last
 }
 
-/// Parts points into tiles of at most [`TILE`] that lie close together and face alike, so that what one sees the
+/// Parts points into tiles of at most `most` that lie close together and face alike, so that what one sees the
 /// others mostly see too. Points that follow each other are tried together. Returns the points' numbers.
-pub(super) fn tiles(points: &[GatherPoint]) -> Vec<Vec<u32>> {
+pub(super) fn tiles(points: &[GatherPoint], most: usize) -> Vec<Vec<u32>> {
     let mut tiles: Vec<Vec<u32>> = Vec::new();
-    for start in (0..points.len()).step_by(TILE) {
+    for start in (0..points.len()).step_by(most) {
         let first = tiles.len();
-        for candidate in start as u32..(start + TILE).min(points.len()) as u32 {
+        for candidate in start as u32..(start + most).min(points.len()) as u32 {
             let point = &points[candidate as usize];
             let home = tiles[first..].iter_mut().find(|tile| {
                 let head = &points[tile[0] as usize];

@@ -115,7 +115,7 @@ fn indirect_light_agrees_with_the_path_tracer() {
     let lost: Vec<f64> = lost.collect();
     let (median, _) = median_and_worst(&lost);
     println!("the encoding loses {lost:.4?}, told {told:.4}");
-    assert!((0.3 * told..3.0 * told).contains(&median), "{told} told, {median} found");
+    assert!((0.5 * told..2.0 * told).contains(&median), "{told} told, {median} found");
     let mut brighter = Transfer::clone(&shot.transfer);
     brighter.cloud.samples.iter_mut().for_each(|sample| sample.albedo *= 1.1);
     let brighter = shot.errors(&Arc::new(brighter), 4, |light| light);

@@ -16,4 +16,5 @@ pub use cloud::{
 };
 pub use illumination::{CloudLight, illuminate};
 pub use packed::{PackedNormal, PackedUnit};
+pub(crate) use tree::cluster_order;
 pub use view::{ViewSample, ViewSamples, edge_pixels};

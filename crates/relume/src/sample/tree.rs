@@ -30,21 +30,39 @@ pub(super) fn normal_scale(diagonal: f32) -> f32 {
 /// The samples' numbers in tree order.
 pub(super) fn order(keys: &[Key]) -> Vec<u32> {
     let mut order: Vec<u32> = (0..keys.len() as u32).collect();
-    split(keys, &mut order);
+    split(keys, &mut order, [1, 1]);
     order
 }
 
-fn split(keys: &[Key], part: &mut [u32]) {
+/// The numbers of points in an order in which every run of `lengths[0]` that starts at a multiple of it lies together, and so
+/// does, within these, every run of `lengths[1]`.
+pub(crate) fn cluster_order(points: &[(Vec3, Vec3)], diagonal: f32, lengths: [usize; 2]) -> Vec<u32> {
+    let keys: Vec<Key> = points.iter().map(|&(position, normal)| key(position, normal, diagonal)).collect();
+    let mut order: Vec<u32> = (0..keys.len() as u32).collect();
+    split(&keys, &mut order, lengths);
+    order
+}
+
+/// Where to part so many: in the middle, but at the end of a run.
+fn middle(count: usize, lengths: [usize; 2]) -> usize {
+    match lengths.into_iter().find(|&length| length < count) {
+        Some(length) if length > 1 => count.div_ceil(length) / 2 * length,
+        _ => count / 2,
+    }
+}
+
+fn split(keys: &[Key], part: &mut [u32], lengths: [usize; 2]) {
     if part.len() <= 1 {
         return;
     }
-    halve(keys, part);
-    let (near, far) = part.split_at_mut(part.len() / 2);
+    let middle = middle(part.len(), lengths);
+    halve(keys, part, middle);
+    let (near, far) = part.split_at_mut(middle);
     if near.len() > 1024 {
-        rayon::join(|| split(keys, near), || split(keys, far));
+        rayon::join(|| split(keys, near, lengths), || split(keys, far, lengths));
     } else {
-        split(keys, near);
-        split(keys, far);
+        split(keys, near, lengths);
+        split(keys, far, lengths);
     }
 }
 
@@ -59,8 +77,7 @@ fn mean(keys: &[Key], part: &[u32]) -> [f64; AXES] {
 }
 
 /// Parts the samples into two equal halves, each as alike as possible.
-fn halve(keys: &[Key], part: &mut [u32]) {
-    let middle = part.len() / 2;
+fn halve(keys: &[Key], part: &mut [u32], middle: usize) {
     let mut axis = widest_axis(keys, part);
     let mut scored: Vec<(f32, u32)> = Vec::with_capacity(part.len());
     for _ in 0..ROUNDS {
@@ -136,6 +153,33 @@ mod tests {
         let unordered: Vec<u32> = (0..4096).collect();
         let (tree, chance) = (spread(&keys, &order, 64), spread(&keys, &unordered, 64));
         assert!(tree < 0.35 * chance, "clusters of 64 spread {tree}, chance gives {chance}");
+    }
+
+    #[test]
+    fn runs_of_the_cluster_order_lie_together_and_end_where_asked() {
+        let points: Vec<(Vec3, Vec3)> = (0..1000)
+            .map(|i| {
+                let at = |axis| unit(hash(axis, hash(i, 9)));
+                (Vec3::new(at(0), at(1), at(2)), Vec3::Y)
+            })
+            .collect();
+        let order = cluster_order(&points, 1.7, [256, 16]);
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        assert!(sorted.iter().enumerate().all(|(i, &s)| s == i as u32));
+        let spread = |size: usize| {
+            let of_run = |run: &[u32]| {
+                let center = run.iter().map(|&s| points[s as usize].0).sum::<Vec3>() / run.len() as f32;
+                run.iter().map(|&s| points[s as usize].0.distance_squared(center)).sum::<f32>()
+            };
+            order.chunks(size).map(of_run).sum::<f32>() / order.len() as f32
+        };
+        // the cube is parted into 4 and into 63 parts of equal volume: 1/4 is the mean square of the whole
+        assert!(spread(256) < 0.15, "{}", spread(256));
+        assert!(spread(16) < 0.03, "{}", spread(16));
+        let middles: Vec<usize> =
+            [1000, 512, 257, 256, 40, 17, 16, 3].map(|count| middle(count, [256, 16])).to_vec();
+        assert_eq!(middles, [512, 256, 256, 128, 16, 16, 8, 1]);
     }
 
     #[test]

@@ -1,8 +1,10 @@
 //! Which rows are encoded together.
 
-use crate::sample::{GatherCloud, ViewSamples};
+use glam::Vec3;
+
+use crate::sample::{GatherCloud, GatherSample, ViewSamples, cluster_order};
 use crate::trace::sampling::hash;
-use crate::transfer::rows::GatherPoint;
+use crate::transfer::rows::{GatherPoint, TILE};
 
 /// Rows in block order: points, the length of each block, and what each row stands for.
 pub(super) struct Blocks {
@@ -12,47 +14,40 @@ pub(super) struct Blocks {
     pub(super) owners: Vec<u32>,
 }
 
-/// The bits of `index` at even places, packed: half of a Morton code.
-fn every_other_bit(index: usize) -> usize {
-    (0..16).map(|bit| (index >> (2 * bit) & 1) << bit).sum()
-}
-
-/// Squares of `edge x edge` pixels, `edge` a power of two. Within a block, pixels come in Morton order, so that each run
-/// of 16 is a 4x4 tile. Pixels that reflect nothing are left out.
-pub(super) fn of_pixels(view: &ViewSamples, edge: usize, seed: u32) -> Blocks {
-    let mut blocks = Blocks { points: Vec::new(), lengths: Vec::new(), owners: Vec::new() };
-    for top in (0..view.height).step_by(edge) {
-        for left in (0..view.width).step_by(edge) {
-            let before = blocks.points.len();
-            for index in 0..edge * edge {
-                let (x, y) = (left + every_other_bit(index), top + every_other_bit(index >> 1));
-                if x >= view.width || y >= view.height {
-                    continue;
-                }
-                let pixel = y * view.width + x;
-                let sample = &view.centers[pixel];
-                if sample.is_lit() {
-                    blocks.owners.push(pixel as u32);
-                    blocks.points.push(GatherPoint {
-                        position: sample.position,
-                        shading_normal: sample.shading_normal.get(),
-                        geometric_normal: sample.geometric_normal.get(),
-                        seed: hash(pixel as u32, seed),
-                    });
-                }
+/// Runs of `length` pixels that lie close together and face alike; the last may be shorter. Pixels that reflect nothing are
+/// left out.
+pub(super) fn of_pixels(view: &ViewSamples, length: usize, seed: u32) -> Blocks {
+    let lit: Vec<u32> =
+        (0..view.pixels() as u32).filter(|&pixel| view.centers[pixel as usize].is_lit()).collect();
+    let points: Vec<GatherPoint> = lit
+        .iter()
+        .map(|&pixel| {
+            let sample = &view.centers[pixel as usize];
+            GatherPoint {
+                position: sample.position,
+                shading_normal: sample.shading_normal.get(),
+                geometric_normal: sample.geometric_normal.get(),
+                seed: hash(pixel, seed),
             }
-            if blocks.points.len() > before {
-                blocks.lengths.push(blocks.points.len() - before);
-            }
-        }
+        })
+        .collect();
+    let low = points.iter().fold(Vec3::INFINITY, |low, point| low.min(point.position));
+    let high = points.iter().fold(Vec3::NEG_INFINITY, |high, point| high.max(point.position));
+    let places: Vec<(Vec3, Vec3)> =
+        points.iter().map(|point| (point.position, point.shading_normal)).collect();
+    let order = cluster_order(&places, low.distance(high), [length, TILE]);
+    let lengths = (0..points.len()).step_by(length).map(|first| length.min(points.len() - first)).collect();
+    Blocks {
+        owners: order.iter().map(|&index| lit[index as usize]).collect(),
+        points: order.iter().map(|&index| points[index as usize]).collect(),
+        lengths,
     }
-    blocks
 }
 
 /// Runs of `length` gather samples, a power of four, or of all if there are fewer: clusters of the tree.
 pub(super) fn of_cloud(cloud: &GatherCloud, length: usize, seed: u32) -> Blocks {
     let length = length.min(cloud.len());
-    let point = |(index, sample): (usize, &crate::sample::GatherSample)| GatherPoint {
+    let point = |(index, sample): (usize, &GatherSample)| GatherPoint {
         position: sample.position,
         shading_normal: sample.normal,
         geometric_normal: sample.normal,

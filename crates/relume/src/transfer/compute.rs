@@ -6,9 +6,11 @@ use rayon::prelude::*;
 
 use super::blocks::Blocks;
 use super::haar_rows::{self, HaarRows};
-use super::low_rank::{self, LowRank, LowRankSettings};
+use super::low_rank::{LowRank, LowRankSettings};
+use super::low_rank_encoder;
 use super::paper_rows::PaperRows;
-use super::rows::{self, GatherPoint, RowScratch, RowSource};
+use super::prior::LightPrior;
+use super::rows::{GatherPoint, RowScratch, RowSource};
 use super::{Matrix, Operator, haar};
 use crate::progress::Progress;
 use crate::{Error, Result};
@@ -25,14 +27,8 @@ pub(super) enum RowEstimator<'a> {
 /// How rows are stored.
 #[derive(Clone, Copy)]
 pub(super) enum Encoder<'a> {
-    LowRank {
-        settings: LowRankSettings,
-        /// `D`, one a coefficient.
-        prior: &'a [f32],
-    },
-    HaarRows {
-        per_row: usize,
-    },
+    LowRank { settings: LowRankSettings, prior: &'a LightPrior },
+    HaarRows { per_row: usize },
 }
 
 /// An operator and what it took.
@@ -50,7 +46,7 @@ struct Workplace {
 }
 
 enum EncodedBlock {
-    LowRank(low_rank::Encoded),
+    LowRank(low_rank_encoder::Encoded),
     HaarRows(haar_rows::EncodedRows),
 }
 
@@ -111,10 +107,12 @@ impl Workplace {
         self.rows.clear();
         self.rows.resize(points.len() * count, 0.0);
         match estimator {
-            RowEstimator::Balanced(source) => rows::tiles(points, source.settings.tile)
-                .iter()
-                .map(|tile| source.tile(points, tile, &mut self.rows, &mut self.scratch))
-                .sum(),
+            RowEstimator::Balanced(source) => {
+                let (tiles, rays) = source.tiles(points, &mut self.scratch);
+                let mut of_tile =
+                    |tile: &Vec<u32>| source.tile(points, tile, &mut self.rows, &mut self.scratch);
+                rays + tiles.iter().map(&mut of_tile).sum::<u64>()
+            }
             RowEstimator::Paper(source) => points
                 .iter()
                 .zip(self.rows.chunks_exact_mut(count))
@@ -137,8 +135,8 @@ impl Workplace {
     fn encode(&mut self, encoder: Encoder<'_>, count: usize, rows: usize) -> EncodedBlock {
         match encoder {
             Encoder::LowRank { settings, prior } => {
-                self.transform(count, Some(prior));
-                EncodedBlock::LowRank(low_rank::encode(&self.rows, rows, &settings))
+                self.transform(count, Some(&prior.magnitudes));
+                EncodedBlock::LowRank(low_rank_encoder::encode(&self.rows, rows, &settings, prior))
             }
             Encoder::HaarRows { per_row } => {
                 self.transform(count, None);
@@ -150,30 +148,44 @@ impl Workplace {
 
 fn assemble(blocks: Vec<(EncodedBlock, u64)>, encoder: Encoder<'_>, rows: usize, count: usize) -> Operator {
     let (mut low_rank, mut haar_rows) = (Vec::new(), Vec::new());
-    let (mut energy, mut lost) = (0.0, 0.0);
+    let (mut energy, mut lost) = (Vec::new(), Vec::new());
     for (block, _) in blocks {
         match block {
             EncodedBlock::LowRank(block) => {
-                energy += block.energy;
-                lost += block.lost;
+                add(&mut energy, &block.energy);
+                add(&mut lost, &block.lost);
                 low_rank.push(block);
             }
             EncodedBlock::HaarRows(block) => {
-                energy += block.energy;
-                lost += block.lost;
+                add(&mut energy, &[block.energy]);
+                add(&mut lost, &[block.lost]);
                 haar_rows.push(block);
             }
         }
     }
-    let expected_error = if energy > 0.0 { (lost / energy).sqrt() } else { 0.0 };
+    let expected_error = median_error(&energy, &lost);
     let (matrix, weights) = match encoder {
         Encoder::LowRank { prior, .. } => (
             Matrix::LowRank(LowRank::from_blocks(low_rank)),
-            prior.iter().map(|magnitude| 1.0 / magnitude).collect::<Vec<_>>(),
+            prior.magnitudes.iter().map(|magnitude| 1.0 / magnitude).collect::<Vec<_>>(),
         ),
         Encoder::HaarRows { per_row } => {
             (Matrix::HaarRows(HaarRows::from_blocks(haar_rows, per_row, count)), Vec::new())
         }
     };
     Operator { rows, matrix, weights: weights.into(), expected_error }
+}
+
+fn add(sums: &mut Vec<f64>, values: &[f64]) {
+    sums.resize(values.len().max(sums.len()), 0.0);
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+}
+
+/// The median over lights of the relative error; zero without light.
+fn median_error(energy: &[f64], lost: &[f64]) -> f64 {
+    let of_light = energy.iter().zip(lost).filter(|&(&energy, _)| energy > 0.0);
+    let mut errors: Vec<f64> = of_light.map(|(energy, lost)| (lost / energy).sqrt()).collect();
+    errors.sort_by(f64::total_cmp);
+    let count = errors.len();
+    if count == 0 { 0.0 } else { 0.5 * (errors[(count - 1) / 2] + errors[count / 2]) }
 }

@@ -15,6 +15,7 @@ mod gemm;
 pub mod haar;
 pub mod haar_rows;
 pub mod low_rank;
+mod low_rank_encoder;
 mod occluders;
 mod operator;
 mod paper_rows;

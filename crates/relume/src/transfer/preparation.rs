@@ -2,12 +2,14 @@
 
 use std::time::Instant;
 
+use glam::Vec3;
 use xxhash_rust::xxh3::Xxh3;
 
 use super::compute::{self, Computed, Encoder, RowEstimator};
 use super::form_factors::Patches;
 use super::low_rank::LowRankSettings;
 use super::paper_rows::{ClusterBounds, PaperRows};
+use super::prior::LightPrior;
 use super::rows::{RowSettings, RowSource};
 use super::{Encoding, Occluders, Operator, Report, Timings, Transfer, blocks, prior};
 use crate::progress::Progress;
@@ -20,12 +22,12 @@ use crate::{Error, Result};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quality {
-    /// For a first look: a fifth of the time.
+    /// For a first look.
     Draft,
     /// For lighting.
     #[default]
     Standard,
-    /// For the last picture: three times the time.
+    /// For the last picture: several times the time.
     Final,
 }
 
@@ -97,47 +99,47 @@ const PAPER_BOUNCE_SHARE: f64 = 0.4;
 
 impl Quality {
     fn effort(self) -> Effort {
-        let rows = |hemisphere_rays, tile_rays, faint, tile| RowSettings {
+        let rows = |hemisphere_rays, tile_rays, faint, spread| RowSettings {
             hemisphere_rays,
             tile_rays,
             probes: 1,
             faint,
-            tile,
+            tile: 64,
+            spread,
         };
-        let low_rank = |rank, kept| LowRankSettings { rank, kept };
+        let low_rank = |rank, kept, price| LowRankSettings { rank, kept, price };
         match self {
             Self::Draft => Effort {
-                gather_rows: rows(32, 512, 2e-2, 32),
-                bounce_rows: rows(32, 512, 2e-2, 16),
-                gather_encoding: low_rank(16, 2048),
-                bounce_encoding: low_rank(12, 4096),
+                gather_rows: rows(16, 1024, 1e-3, 0.4),
+                bounce_rows: rows(16, 512, 2e-3, 4.0),
+                gather_encoding: low_rank(64, 4096, 2e-6),
+                bounce_encoding: low_rank(64, 4096, 2e-6),
                 training_lights: 64,
             },
             Self::Standard => Effort {
-                gather_rows: rows(64, 4096, 4e-3, 16),
-                bounce_rows: rows(48, 1024, 1e-2, 16),
-                gather_encoding: low_rank(48, 4096),
-                bounce_encoding: low_rank(24, 8192),
+                gather_rows: rows(64, 4096, 4e-4, 0.2),
+                bounce_rows: rows(32, 1024, 1e-3, 2.0),
+                gather_encoding: low_rank(112, 8192, 2e-7),
+                bounce_encoding: low_rank(112, 8192, 2e-7),
                 training_lights: 192,
             },
             Self::Final => Effort {
-                gather_rows: rows(128, 4096, 1e-3, 16),
-                bounce_rows: rows(128, 2048, 3e-3, 16),
-                gather_encoding: low_rank(64, 8192),
-                bounce_encoding: low_rank(32, 16_384),
+                gather_rows: rows(128, 8192, 5e-5, 0.1),
+                bounce_rows: rows(64, 2048, 2e-4, 0.5),
+                gather_encoding: low_rank(160, 16_384, 4e-8),
+                bounce_encoding: low_rank(160, 16_384, 4e-8),
                 training_lights: 384,
             },
         }
     }
 }
 
-/// Edge of the blocks of pixels that share a basis, a power of two: smaller in small images, whose pixels lie farther
-/// apart and share less.
-fn block_edge((width, height): (usize, usize)) -> usize {
-    match width * height {
-        0..40_000 => 8,
-        40_000..160_000 => 16,
-        _ => 32,
+/// Pixels that share a basis: fewer in small images, whose pixels lie farther apart and share less.
+fn pixel_block(pixels: usize) -> usize {
+    match pixels {
+        0..40_000 => 64,
+        40_000..160_000 => 256,
+        _ => 1024,
     }
 }
 
@@ -355,37 +357,60 @@ impl Shot<'_> {
                 threshold: PAPER_THRESHOLD,
             }),
         };
-        let lights = prior::training_lights(cloud, self.accel, effort.training_lights, seed);
-        let lights = prior::train(cloud, self.accel, &lights, progress)?;
+        let count = patches.len();
+        let lights = self.training_light(cloud, effort.training_lights, progress)?;
         let bounce = {
-            let magnitudes = prior::magnitudes(cloud, &lights, None);
+            let prior = self.prior(cloud, &lights, None, progress)?;
             let share = (self.settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
-            let encoder = self.encoder(effort.bounce_encoding, &magnitudes, share);
-            let rows =
-                blocks::of_cloud(cloud, (cloud.len() / 64).clamp(BOUNCE_BLOCK.0, BOUNCE_BLOCK.1), seed);
+            let encoder = encoder(effort.bounce_encoding, prior.as_ref(), share);
+            let rows = blocks::of_cloud(cloud, (count / 64).clamp(BOUNCE_BLOCK.0, BOUNCE_BLOCK.1), seed);
             progress.stage("bounces", rows.points.len() as u64);
-            let estimator = estimator(effort.bounce_rows);
-            compute::compute(estimator, encoder, patches.len(), &rows, progress)?
+            compute::compute(estimator(effort.bounce_rows), encoder, count, &rows, progress)?
         };
-        let magnitudes = prior::magnitudes(cloud, &lights, self.bounce_for_prior(&bounce.operator));
-        let encoder = self.encoder(effort.gather_encoding, &magnitudes, self.settings.coefficients);
-        let rows = blocks::of_pixels(view, block_edge(self.settings.size), seed);
+        let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
+        drop(lights);
+        let encoder = encoder(effort.gather_encoding, prior.as_ref(), self.settings.coefficients);
+        progress.stage("blocks of pixels", 1);
+        let rows = blocks::of_pixels(view, pixel_block(view.pixels()), seed);
         progress.stage("final gather", rows.points.len() as u64);
-        let estimator = estimator(effort.gather_rows);
-        let gather = compute::compute(estimator, encoder, patches.len(), &rows, progress)?;
+        let gather = compute::compute(estimator(effort.gather_rows), encoder, count, &rows, progress)?;
         Ok((gather, bounce, rows.owners))
     }
 
-    /// Only the default encoding weighs by a prior.
-    fn bounce_for_prior<'b>(&self, bounce: &'b Operator) -> Option<&'b Operator> {
-        (self.settings.encoding == Encoding::LowRank).then_some(bounce)
+    /// Light on the cloud to learn from. Only the default encoding learns.
+    fn training_light(
+        &self,
+        cloud: &GatherCloud,
+        count: usize,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Vec<Vec3>>> {
+        if self.settings.encoding != Encoding::LowRank {
+            return Ok(Vec::new());
+        }
+        let lights = prior::training_lights(cloud, self.accel, count, self.settings.seed);
+        prior::train(cloud, self.accel, &lights, progress)
     }
 
-    fn encoder<'b>(&self, low_rank: LowRankSettings, prior: &'b [f32], per_row: usize) -> Encoder<'b> {
-        match self.settings.encoding {
-            Encoding::LowRank => Encoder::LowRank { settings: low_rank, prior },
-            Encoding::HaarRows => Encoder::HaarRows { per_row },
+    fn prior(
+        &self,
+        cloud: &GatherCloud,
+        lights: &[Vec<Vec3>],
+        bounce: Option<&Operator>,
+        progress: &dyn Progress,
+    ) -> Result<Option<LightPrior>> {
+        if self.settings.encoding != Encoding::LowRank {
+            return Ok(None);
         }
+        progress.stage("light prior", lights.len() as u64);
+        LightPrior::new(cloud, lights, bounce, progress).map(Some)
+    }
+}
+
+/// `low-rank` with a prior, `haar-rows` without.
+fn encoder(low_rank: LowRankSettings, prior: Option<&LightPrior>, per_row: usize) -> Encoder<'_> {
+    match prior {
+        Some(prior) => Encoder::LowRank { settings: low_rank, prior },
+        None => Encoder::HaarRows { per_row },
     }
 }
 

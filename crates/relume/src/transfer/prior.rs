@@ -1,7 +1,8 @@
 //! The light prior: how much each wavelet coefficient of light on the cloud is expected to vary.
 //!
-//! Learned from random lights in the scene's free space: narrow and wide spots, omnis and suns, each scaled so that it
-//! carries the same energy on the cloud. The spread falls with the area of the basis function by far less than area-weighted selection assumes.
+//! Learned from random lights in the scene's free space (narrow and wide spots, omnis and suns) and from light from everywhere,
+//! each scaled so that it carries the same energy on the cloud: how large each coefficient is, and which go together. The spread
+//! falls with the area of the basis function by far less than area-weighted selection assumes.
 
 use std::f32::consts::PI;
 
@@ -69,7 +70,7 @@ pub(super) fn train(
     lights: &[Light],
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<Vec3>>> {
-    progress.stage("light prior", lights.len() as u64);
+    progress.stage("training lights", lights.len() as u64);
     lights
         .par_iter()
         .map(|light| {
@@ -83,23 +84,95 @@ pub(super) fn train(
         .collect()
 }
 
-/// `D`: the expected magnitude of each Haar coefficient, learned from `lights` on the cloud, with their bounces where a
-/// bounce operator is given. Scaled so that the mean square is one.
-pub(super) fn magnitudes(cloud: &GatherCloud, lights: &[Vec<Vec3>], bounce: Option<&Operator>) -> Vec<f32> {
-    let count = cloud.len();
-    let albedo: Vec<Vec3> = cloud.samples.iter().map(|sample| sample.albedo).collect();
-    let mut variance = vec![0.0_f64; count];
-    for light in lights {
-        let bounced = bounce.map(|bounce| bounces::gather_bounces(bounce, &albedo, light, Some(4)).0);
-        let light = bounced.as_deref().unwrap_or(light);
-        let coefficients = Coefficients::new(light, &[]);
-        // Errors are relative to each image: a light that shines on little, and brightly, counts no more than others.
-        let energy: f64 = light.iter().map(|rgb| f64::from(rgb.length_squared())).sum();
-        let weight = if energy > 0.0 { 1.0 / energy } else { 0.0 };
-        for (variance, rgb) in variance.iter_mut().zip(coefficients.as_slice()) {
-            *variance += weight * rgb.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>();
+/// What is known of light on the cloud before a lamp is set. Errors are relative to each image: a light that shines on little, and
+/// brightly, counts no more than others. All are scaled to the same energy, a mean square of one on the cloud.
+pub(super) struct LightPrior {
+    /// `D`: the expected magnitude of each Haar coefficient, all channels; its mean square is one.
+    pub(super) magnitudes: Vec<f32>,
+    /// `C`: the grey coefficients of the training lights over `D`. Row after row, a row a coefficient, a column a light.
+    pub(super) training: Vec<f32>,
+    /// Columns of `training`.
+    pub(super) lights: usize,
+    /// The same of lights from which nothing is learned: they tell how well what was learned holds.
+    pub(super) held: Vec<f32>,
+    /// Columns of `held`.
+    pub(super) held_lights: usize,
+}
+
+/// One light in so many is held out: the last ones.
+const HELD_OUT: usize = 4;
+
+/// How far a prior has learned.
+struct Lessons {
+    /// Grey coefficients of each light.
+    grey: Vec<Vec<f32>>,
+    /// Sum over lights of the squares of each coefficient, all channels.
+    variance: Vec<f64>,
+}
+
+impl LightPrior {
+    /// Learns from `lights` on the cloud, with their bounces where a bounce operator is given.
+    pub(super) fn new(
+        cloud: &GatherCloud,
+        lights: &[Vec<Vec3>],
+        bounce: Option<&Operator>,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let count = cloud.len();
+        let albedo: Vec<Vec3> = cloud.samples.iter().map(|sample| sample.albedo).collect();
+        let mut lessons = Lessons { grey: Vec::new(), variance: vec![0.0; count] };
+        // light from everywhere: a closed room under an even sky, and what is left where no lamp shines on anything
+        lessons.add(&vec![Vec3::ONE; count], true);
+        let mut held = Vec::new();
+        for (index, light) in lights.iter().enumerate() {
+            if progress.cancelled() {
+                return Err(Error::Cancelled);
+            }
+            let bounced = bounce.map(|bounce| bounces::gather_bounces(bounce, &albedo, light, Some(4)).0);
+            let light = bounced.as_deref().unwrap_or(light);
+            if index >= lights.len() - lights.len().div_ceil(HELD_OUT) {
+                lessons.add(light, false);
+                held.extend(lessons.grey.pop());
+            } else {
+                lessons.add(light, true);
+            }
+            progress.advance(1);
         }
+        let Lessons { grey, variance } = lessons;
+        let magnitudes = magnitudes(&variance);
+        Ok(Self {
+            training: columns(&grey, &magnitudes),
+            lights: grey.len(),
+            held: columns(&held, &magnitudes),
+            held_lights: held.len(),
+            magnitudes,
+        })
     }
+}
+
+impl Lessons {
+    /// A light that meets nothing teaches nothing. One that is held out tells of itself, but adds nothing to the variance.
+    fn add(&mut self, light: &[Vec3], counts: bool) {
+        let coefficients = Coefficients::new(light, &[]);
+        let squares = |rgb: &[f32; 3]| rgb.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>();
+        let energy: f64 = coefficients.as_slice().iter().map(squares).sum();
+        if energy <= 0.0 {
+            return;
+        }
+        if counts {
+            for (variance, rgb) in self.variance.iter_mut().zip(coefficients.as_slice()) {
+                *variance += squares(rgb) / energy;
+            }
+        }
+        let scale = (light.len() as f64 / (3.0 * energy)).sqrt() as f32;
+        let grey = coefficients.as_slice().iter().map(|rgb| scale * rgb.iter().sum::<f32>());
+        self.grey.push(grey.collect());
+    }
+}
+
+/// `D` from the sum over lights of the squares of each coefficient.
+fn magnitudes(variance: &[f64]) -> Vec<f32> {
+    let count = variance.len();
     let levels = haar::level(count.max(1) - 1) + 1;
     let (mut sums, mut members) = (vec![0.0; levels], vec![0.0; levels]);
     for (index, variance) in variance.iter().enumerate() {
@@ -112,6 +185,15 @@ pub(super) fn magnitudes(cloud: &GatherCloud, lights: &[Vec<Vec3>], bounce: Opti
     };
     let total: f64 = (0..count).map(blend).sum::<f64>().max(1e-300);
     let scale = count as f64 / total;
-    // a scene that no training light reaches still gets a usable prior
+    // no coefficient is thought impossible
     (0..count).map(|index| ((blend(index) * scale).sqrt() as f32).max(1e-6)).collect()
+}
+
+/// Coefficients in units of their expected magnitudes, a column a light.
+fn columns(lights: &[Vec<f32>], magnitudes: &[f32]) -> Vec<f32> {
+    let mut columns = Vec::with_capacity(lights.len() * magnitudes.len());
+    for (index, magnitude) in magnitudes.iter().enumerate() {
+        columns.extend(lights.iter().map(|light| light[index] / magnitude));
+    }
+    columns
 }

@@ -1,13 +1,14 @@
 //! Rows of the diffuse final gather by two estimators, balanced, with visibility shared between neighbouring points.
 //!
-//! Points that lie close together and face alike see the same surfaces: a *tile* of them gathers together.
+//! Points that face alike and lie close together, beside the distance of what surrounds them, see the same surfaces: a *tile* of
+//! them gathers together. In the open a tile is large; in a corner every point may gather for itself.
 //!
 //! - *Hemisphere rays.* Each point of a tile sends `n` cosine-distributed rays, and each hit counts for all points of the
 //!   tile, weighted by what the others could have found there: with `G_p = cos_p cos_x / (pi r^2)`, a hit at `x` on a cell of
 //!   area `A` adds `G_p(x) / (n sum_q G_q(x)) w(x)` to the row of `p`, where `w = m sum_q G_q A / (m sum_q G_q A + 1)`. Sixteen
 //!   points with a hundred rays each gather as by sixteen hundred.
 //! - *Form factors.* Every cell's own, `f_p = G_p A`, adds `V f_p (1 - w)`, where `V` is the cell's visibility from the tile:
-//!   the mean of rays from points of the tile, chosen by form factor, to points spread over the cell.
+//!   the mean of rays from random points of the tile to points spread over the cell.
 //!
 //! With `m = n` this is the balance heuristic (Veach 1997, section 9.2.2) over the tile's strategies. Here `m` is smaller, as if
 //! the tile had sent [`BALANCE`] rays: any weights that add up to one are right on average, and form factors of cells that are
@@ -34,6 +35,8 @@ const CHUNK: usize = 1024;
 /// Hemisphere rays that a tile counts as if it had sent, when hits are weighed against form factors. More leave more to the
 /// hits, which are noisier; fewer leave cells to form factors that are large enough for these to be wrong.
 const BALANCE: f32 = 320.0;
+/// Rays that measure how far away a point's surroundings are.
+const CLEARANCE_RAYS: u32 = 16;
 /// Most points of a tile.
 pub(super) const TILE: usize = 64;
 
@@ -46,11 +49,14 @@ pub(super) struct RowSettings {
     pub(super) tile_rays: usize,
     /// Visibility rays a cell and tile. More leave less noise where cells are partly visible.
     pub(super) probes: usize,
-    /// Cells whose form factors, over all points of the tile, add up to less than this with their siblings' share one
-    /// ray with these. Larger spends fewer rays and darkens a little what lies beside hidden cells.
+    /// Cells whose form factors add up to less than this with their siblings', in the mean over the tile, share one ray with
+    /// these. Larger spends fewer rays and darkens a little what lies beside hidden cells.
     pub(super) faint: f32,
-    /// Points of a tile, at most [`TILE`]. More share more; too many blur what lies close to them.
+    /// Points of a tile, at most [`TILE`]. More share more.
     pub(super) tile: usize,
+    /// Farthest that points of a tile lie from its first, as a share of the harmonic mean distance of what they see. More
+    /// blurs what lies close to them.
+    pub(super) spread: f32,
 }
 
 /// A point that gathers.
@@ -69,6 +75,16 @@ pub(super) struct GatherPoint {
 impl GatherPoint {
     fn origin(&self) -> Vec3 {
         offset_origin(self.position, self.geometric_normal)
+    }
+
+    /// Whether it faces as `head` does, lies in its plane, and no farther away than `reach`, in metres.
+    fn is_like(&self, head: &Self, reach: f32) -> bool {
+        let apart = self.position - head.position;
+        let off_plane = apart.dot(head.geometric_normal).abs();
+        self.geometric_normal.dot(head.geometric_normal) > 0.8
+            && self.shading_normal.dot(head.shading_normal) > 0.8
+            && off_plane < 0.25 * apart.length() + 1e-4
+            && apart.length() < reach
     }
 }
 
@@ -117,6 +133,50 @@ impl<'a> Tile<'a> {
 }
 
 impl RowSource<'_> {
+    /// Parts points into tiles, so that what one point of a tile sees the others mostly see too: they face alike and lie
+    /// close together beside the distance of what surrounds them. In the open a tile is large; in a corner every point may
+    /// gather for itself. Points that follow each other are tried together. Returns the points' numbers, and the rays spent.
+    pub(super) fn tiles(&self, points: &[GatherPoint], scratch: &mut RowScratch) -> (Vec<Vec<u32>>, u64) {
+        let clearances = self.clearances(points, scratch);
+        let mut tiles: Vec<Vec<u32>> = Vec::new();
+        for start in (0..points.len()).step_by(self.settings.tile) {
+            let first = tiles.len();
+            for candidate in start..(start + self.settings.tile).min(points.len()) {
+                let point = &points[candidate];
+                let home = tiles[first..].iter_mut().find(|tile| {
+                    let head = tile[0] as usize;
+                    let clearance = clearances[candidate].min(clearances[head]);
+                    point.is_like(&points[head], self.settings.spread * clearance)
+                });
+                match home {
+                    Some(tile) => tile.push(candidate as u32),
+                    None => tiles.push(vec![candidate as u32]),
+                }
+            }
+        }
+        (tiles, scratch.rays.len() as u64)
+    }
+
+    /// The harmonic mean distance of what each point sees, metres.
+    fn clearances(&self, points: &[GatherPoint], scratch: &mut RowScratch) -> Vec<f32> {
+        scratch.rays.clear();
+        for point in points {
+            let origin = point.origin();
+            scratch.rays.extend((0..CLEARANCE_RAYS).map(|index| {
+                Ray::new(
+                    origin,
+                    cosine_hemisphere(point.geometric_normal, sobol_2d(index, 0, hash(3, point.seed))),
+                )
+            }));
+        }
+        scratch.hits.resize(scratch.rays.len(), Hit::MISS);
+        self.accel.closest_batch(&scratch.rays, &mut scratch.hits);
+        // a ray that meets nothing is infinitely long
+        let nearness = |hits: &[Hit]| hits.iter().map(|hit| 1.0 / hit.t.max(1e-6)).sum::<f32>();
+        let hits = scratch.hits.chunks_exact(CLEARANCE_RAYS as usize);
+        hits.map(|hits| CLEARANCE_RAYS as f32 / nearness(hits)).collect()
+    }
+
     /// Adds the rows of the up to [`TILE`] points `members` (numbers in `points`) to `rows`, which has a row of one entry
     /// a cell for each of `points`, zero on entry. Returns the number of rays.
     pub(super) fn tile(
@@ -129,7 +189,7 @@ impl RowSource<'_> {
         let count = self.patches.len();
         let tile = Tile::new(points, members);
         let of_tile = self.settings.tile_rays.div_ceil(members.len());
-        let each = of_tile.clamp(self.settings.hemisphere_rays, 8 * self.settings.hemisphere_rays);
+        let each = of_tile.clamp(self.settings.hemisphere_rays, 16 * self.settings.hemisphere_rays);
         let balance = BALANCE / members.len() as f32;
         let mut rays = self.hemisphere(&tile, members, each, rows, scratch);
         for first in (0..count).step_by(CHUNK) {
@@ -161,7 +221,7 @@ impl RowSource<'_> {
                 continue;
             }
             let seed = hash((first + family) as u32, tile.points[0].seed);
-            if total < self.settings.faint {
+            if total < self.settings.faint * tile.points.len() as f32 {
                 let member = pick(shares, unit(hash(0, seed)) * total);
                 scratch.asked.push((family as u32, FAMILY as u32));
                 scratch.rays.push(self.probe(tile, (first, width), family + member, &scratch.factors, seed));
@@ -188,7 +248,7 @@ impl RowSource<'_> {
         scratch.rays.len() as u64
     }
 
-    /// A ray from a point of the tile, chosen by form factor, to a point of a cell of the chunk.
+    /// A ray from a random point of the tile, of those that face the cell, to a point of a cell of the chunk.
     fn probe(
         &self,
         tile: &Tile<'_>,
@@ -197,12 +257,10 @@ impl RowSource<'_> {
         factors: &[f32],
         seed: u32,
     ) -> Ray {
-        let mut column = [0.0; TILE];
-        for (entry, factors) in column.iter_mut().zip(factors.chunks_exact(width)) {
-            *entry = factors[cell];
-        }
-        let total: f32 = column.iter().sum();
-        let point = pick(&column[..tile.points.len()], unit(hash(1, seed)) * total);
+        let count = tile.points.len();
+        let start = (unit(hash(1, seed)) * count as f32) as usize;
+        let faces = |&point: &usize| factors[point * width + cell] > 0.0;
+        let point = (start..count).chain(0..count).find(faces).unwrap_or(0);
         Ray::between(tile.points[point].origin(), self.patches.target(first + cell, hash(2, seed)))
     }
 
@@ -309,29 +367,4 @@ fn pick(weights: &[f32], at: f32) -> usize {
         }
     }
     last
-}
-
-/// Parts points into tiles of at most `most` that lie close together and face alike, so that what one sees the
-/// others mostly see too. Points that follow each other are tried together. Returns the points' numbers.
-pub(super) fn tiles(points: &[GatherPoint], most: usize) -> Vec<Vec<u32>> {
-    let mut tiles: Vec<Vec<u32>> = Vec::new();
-    for start in (0..points.len()).step_by(most) {
-        let first = tiles.len();
-        for candidate in start as u32..(start + most).min(points.len()) as u32 {
-            let point = &points[candidate as usize];
-            let home = tiles[first..].iter_mut().find(|tile| {
-                let head = &points[tile[0] as usize];
-                let apart = point.position - head.position;
-                let off_plane = apart.dot(head.geometric_normal).abs();
-                let like = point.geometric_normal.dot(head.geometric_normal) > 0.8
-                    && point.shading_normal.dot(head.shading_normal) > 0.8;
-                like && off_plane < 0.25 * apart.length() + 1e-4
-            });
-            match home {
-                Some(tile) => tile.push(candidate),
-                None => tiles.push(vec![candidate]),
-            }
-        }
-    }
-    tiles
 }

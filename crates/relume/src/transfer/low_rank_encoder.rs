@@ -1,0 +1,415 @@
+//! Finding the basis of a block of rows: the encoder of [`low_rank`](super::low_rank).
+//!
+//! What light can be is known in two ways. Each Haar coefficient has its magnitude `D` by itself; and some hundred *training
+//! lights* say how coefficients go together. Their covariance, in units of `D`, is taken as `S = (1 - a) I + a C C^T / L`, with
+//! a column of `C` for each of `L` lights. For a block `X = F W^T D`:
+//!
+//! - The directions are the strongest of `X S X^T`: noise in the rows, which is strong in `X X^T`, answers to no real light.
+//! - As many are kept, and as many coefficients of them, as bring more light than they cost in bytes.
+//! - The light of the coefficients that are dropped is guessed from those that are kept, as `S` has it:
+//!   `V_K + V_d C_d (C_K^T C_K + m I)^-1 C_K^T`, `m = L (1 - a) / a`. Without it the image is too dark, for where a surface
+//!   is seen, there it is lit, on all scales alike.
+//! - The weights of each row are those of the least expected error under `S`, for the directions as they were quantised.
+//!
+//! Huang and Ramamoorthi (2010) weigh by nothing and keep a fixed rank; Hasan et al. (2006) weigh by area.
+
+use multiversion::multiversion;
+use nalgebra::{DMatrix, SymmetricEigen};
+
+use super::gemm::{View, product};
+use super::low_rank::{BlockShape, LowRankSettings};
+use super::prior::LightPrior;
+
+/// `a`: how far the training lights are trusted about what goes together.
+const LEARNED: f64 = 0.5;
+/// Directions beyond the rank that the search carries along, for accuracy.
+const OVERSAMPLING: usize = 8;
+/// Coefficients that the search looks at beside the most that are kept: half as many again.
+const CANDIDATES: f64 = 1.5;
+/// Bytes of a kept coefficient that no direction pays for: its place.
+const PLACE_BYTES: usize = 2;
+
+/// One encoded block, and how well it fits.
+#[derive(Clone, Debug)]
+pub(super) struct Encoded {
+    pub(super) shape: BlockShape,
+    pub(super) steps: Vec<u16>,
+    pub(super) v: Vec<i8>,
+    pub(super) v_scales: Vec<f32>,
+    pub(super) u: Vec<i8>,
+    pub(super) u_scales: Vec<f32>,
+    /// For each light that nothing was learned from: the squared norm of what it sends to the rows.
+    pub(super) energy: Vec<f64>,
+    /// And of what the encoding misses of it.
+    pub(super) lost: Vec<f64>,
+}
+
+/// Encodes a block of `rows` rows of weighted coefficients (`X = F W^T D`), row after row.
+pub(super) fn encode(x: &[f32], rows: usize, settings: &LowRankSettings, prior: &LightPrior) -> Encoded {
+    let count = x.len().checked_div(rows).unwrap_or(0);
+    let candidates =
+        strongest(&column_energies(x, count), ((CANDIDATES * settings.kept as f64) as usize).min(count));
+    let block = Block {
+        x: compacted(x, count, &candidates),
+        learned: rows_of(&prior.training, prior.lights, candidates.iter().copied()),
+        rows,
+        width: candidates.len(),
+        lights: prior.lights,
+    };
+    let responses = block.responses();
+    let (basis, rank, places) = block.chosen(&responses, settings);
+    let (places, steps) = with_short_steps(&candidates, &places);
+    let kept = Kept::new(&block, &places);
+    let basis = View::new(&basis, rank, rows);
+    let directions = product(basis, View::new(&kept.x, rows, kept.count));
+    let whole = kept.with_dropped_light(&directions, rank, &product(basis, block.view(&responses)));
+    let (v, v_scales) = compand(&whole, kept.count);
+    let expanded = expand(&v, &v_scales, kept.count);
+    let (u, u_scales, weights) = kept.fit(&responses, &expanded, rank, rows).quantised();
+    let of_places = places.iter().map(|place| place.map_or(u32::MAX, |p| candidates[p as usize]));
+    let held = rows_of(&prior.held, prior.held_lights, of_places);
+    let sent =
+        product(View::new(&expanded, rank, kept.count), View::new(&held, kept.count, prior.held_lights));
+    let told = product(View::new(&weights, rows, rank), View::new(&sent, rank, prior.held_lights));
+    let truth = product(View::new(x, rows, count), View::new(&prior.held, count, prior.held_lights));
+    let missed: Vec<f32> = truth.iter().zip(&told).map(|(truth, told)| truth - told).collect();
+    let [energy, lost] = [&truth, &missed].map(|values| {
+        let energies = column_energies(values, prior.held_lights);
+        energies.into_iter().map(f64::from).collect()
+    });
+    let shape = BlockShape { rows: rows as u32, rank: rank as u32, kept: kept.count as u32 };
+    Encoded { shape, steps, v, v_scales, u, u_scales, energy, lost }
+}
+
+/// The rows `which` of a matrix of `columns` columns; zeros for `u32::MAX`.
+fn rows_of(values: &[f32], columns: usize, which: impl Iterator<Item = u32>) -> Vec<f32> {
+    let mut picked = Vec::new();
+    for row in which {
+        match values.get(row as usize * columns..(row as usize + 1) * columns) {
+            Some(row) => picked.extend_from_slice(row),
+            None => picked.extend(std::iter::repeat_n(0.0, columns)),
+        }
+    }
+    picked
+}
+
+/// A block cut to the coefficients that the search looks at.
+struct Block {
+    /// `X`, `rows x width`.
+    x: Vec<f32>,
+    /// `C`, `width x lights`.
+    learned: Vec<f32>,
+    rows: usize,
+    width: usize,
+    lights: usize,
+}
+
+impl Block {
+    /// `X C`: what training lights send to the rows, `rows x lights`.
+    fn responses(&self) -> Vec<f32> {
+        product(View::new(&self.x, self.rows, self.width), View::new(&self.learned, self.width, self.lights))
+    }
+
+    fn view<'a>(&self, responses: &'a [f32]) -> View<'a> {
+        View::new(responses, self.rows, self.lights)
+    }
+
+    /// The left singular vectors of the directions to keep, how many, and which of the coefficients.
+    fn chosen(&self, responses: &[f32], settings: &LowRankSettings) -> (Vec<f32>, usize, Vec<u32>) {
+        let price = f64::from(settings.price);
+        let worth =
+            |gains: &[f64], cost: usize| gains.iter().take_while(|&&gain| gain > price * cost as f64).count();
+        let (basis, gains) = self.strongest_directions(responses, settings.rank, price);
+        let known = gains.len();
+        let directions =
+            product(View::new(&basis, known, self.rows), View::new(&self.x, self.rows, self.width));
+        let places = |rank: usize| {
+            let importance = column_energies(&directions[..rank * self.width], self.width);
+            let mut places = strongest(&importance, settings.kept.min(self.width));
+            let cost = price * (rank + PLACE_BYTES) as f64;
+            places.retain(|&place| f64::from(importance[place as usize]) > cost);
+            places
+        };
+        // what a direction costs depends on how many coefficients are kept, and these on how many directions
+        let kept = places(worth(&gains, self.rows)).len();
+        let rank = worth(&gains, self.rows + kept);
+        let places = places(rank);
+        // directions without coefficients say nothing
+        let rank = if places.is_empty() { 0 } else { rank };
+        (basis[..rank * self.rows].to_vec(), rank, places)
+    }
+
+    /// The up to `most` strongest left singular vectors of `X S^(1/2)` that may be worth their price, one after the other,
+    /// and their squared singular values: by subspace iteration, with ever more directions until the last is worth too little.
+    fn strongest_directions(&self, responses: &[f32], most: usize, price: f64) -> (Vec<f32>, Vec<f64>) {
+        let (rows, columns) = (self.rows, self.width + self.lights);
+        let (alone, together) = ((1.0 - LEARNED).sqrt() as f32, (LEARNED / self.lights as f64).sqrt() as f32);
+        let mut expected = Vec::with_capacity(rows * columns);
+        for (row, responses) in self.x.chunks_exact(self.width).zip(responses.chunks_exact(self.lights)) {
+            expected.extend(row.iter().map(|value| value * alone));
+            expected.extend(responses.iter().map(|value| value * together));
+        }
+        let expected = View::new(&expected, rows, columns);
+        let view = self.view(responses);
+        let (turned, energies) = eigenvectors(&product(view.transposed(), view), self.lights);
+        let least = price * rows as f64;
+        let promising =
+            energies.iter().take_while(|&&energy| LEARNED / self.lights as f64 * energy > least).count();
+        let widest = (most + OVERSAMPLING).min(rows);
+        let mut width = (3 * promising / 2 + OVERSAMPLING).min(widest);
+        loop {
+            let (vectors, gains) = subspace(expected, &self.start(responses, &turned, width), rows, width);
+            let rank = most.min(width);
+            if width == widest || gains[rank - 1] < least {
+                return (vectors[..rank * rows].to_vec(), gains[..rank].to_vec());
+            }
+            width = (2 * width).min(widest);
+        }
+    }
+
+    /// What a search of `width` directions starts from, `rows x width`: the strongest directions of the responses, whose
+    /// right singular vectors are `turned`, and where these are too few, evenly spaced rows.
+    fn start(&self, responses: &[f32], turned: &[f32], width: usize) -> Vec<f32> {
+        let known = width.min(self.lights).div_ceil(2);
+        let turned = View::new(&turned[..known * self.lights], known, self.lights);
+        let strongest = product(self.view(responses), turned.transposed());
+        let mut start = vec![0.0; self.rows * width];
+        for (row, strongest) in start.chunks_exact_mut(width).zip(strongest.chunks_exact(known)) {
+            row[..known].copy_from_slice(strongest);
+        }
+        for column in known..width {
+            start[((column - known) * self.rows / (width - known)) * width + column] = 1.0;
+        }
+        start
+    }
+}
+
+/// The left singular vectors of `x` after a step of subspace iteration from `start` (`rows x width`), one after the other, the
+/// strongest first, and their squared singular values.
+fn subspace(x: View<'_>, start: &[f32], rows: usize, width: usize) -> (Vec<f32>, Vec<f64>) {
+    let across = product(x.transposed(), View::new(start, rows, width));
+    let columns = across.len() / width;
+    let basis = orthonormalised(&product(x, View::new(&across, columns, width)), rows, width);
+    let across = product(View::new(&basis, rows, width).transposed(), x);
+    let across = View::new(&across, width, columns);
+    let (turned, energies) = eigenvectors(&product(across, across.transposed()), width);
+    let turned = View::new(&turned, width, width);
+    (product(turned, View::new(&basis, rows, width).transposed()), energies)
+}
+
+/// The eigenvectors of a symmetric matrix, one after the other, and their eigenvalues, the largest first.
+fn eigenvectors(matrix: &[f32], size: usize) -> (Vec<f32>, Vec<f64>) {
+    let eigen = SymmetricEigen::new(DMatrix::from_fn(size, size, |i, j| f64::from(matrix[i * size + j])));
+    let mut order: Vec<usize> = (0..size).collect();
+    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    let vectors = order
+        .iter()
+        .flat_map(|&k| eigen.eigenvectors.column(k).iter().map(|&v| v as f32).collect::<Vec<_>>());
+    (vectors.collect(), order.iter().map(|&k| eigen.eigenvalues[k]).collect())
+}
+
+/// A block cut to the coefficients that are kept.
+struct Kept {
+    /// `X_K`, `rows x count`.
+    x: Vec<f32>,
+    /// `C_K`, `count x lights`.
+    learned: Vec<f32>,
+    count: usize,
+    lights: usize,
+}
+
+impl Kept {
+    /// `places` are columns of the block, or fillers of zeros.
+    fn new(block: &Block, places: &[Option<u32>]) -> Self {
+        let rows = block.x.chunks_exact(block.width.max(1));
+        Self {
+            x: rows
+                .flat_map(|row| places.iter().map(|place| place.map_or(0.0, |p| row[p as usize])))
+                .collect(),
+            learned: rows_of(
+                &block.learned,
+                block.lights,
+                places.iter().map(|place| place.unwrap_or(u32::MAX)),
+            ),
+            count: places.len(),
+            lights: block.lights,
+        }
+    }
+
+    fn learned(&self) -> View<'_> {
+        View::new(&self.learned, self.count, self.lights)
+    }
+
+    /// `directions` (`V_K`) with what the dropped coefficients are expected to bring, given those that are kept.
+    /// `responses` are `V C`.
+    fn with_dropped_light(&self, directions: &[f32], rank: usize, responses: &[f32]) -> Vec<f32> {
+        let lights = self.lights;
+        let told = product(View::new(directions, rank, self.count), self.learned());
+        let square = product(self.learned().transposed(), self.learned());
+        let trust = lights as f64 * (1.0 - LEARNED) / LEARNED;
+        let square = DMatrix::from_fn(lights, lights, |i, j| {
+            f64::from(square[i * lights + j]) + if i == j { trust } else { 0.0 }
+        });
+        let missed = DMatrix::from_fn(lights, rank, |light, direction| {
+            let at = direction * lights + light;
+            f64::from(responses[at]) - f64::from(told[at])
+        });
+        // positive definite by `trust`, unless light is not finite: then there is nothing to learn
+        let Some(factor) = square.cholesky() else { return directions.to_vec() };
+        // column after column, a column a direction
+        let solved: Vec<f32> = factor.solve(&missed).iter().map(|&value| value as f32).collect();
+        let mut whole = product(View::new(&solved, rank, lights), self.learned().transposed());
+        whole.iter_mut().zip(directions).for_each(|(whole, kept)| *whole += kept);
+        whole
+    }
+
+    /// What the weights of the rows on the directions `v` are to be fitted to.
+    fn fit(&self, responses: &[f32], v: &[f32], rank: usize, rows: usize) -> Fit {
+        let (x, v) = (View::new(&self.x, rows, self.count), View::new(v, rank, self.count));
+        let sent = product(v, self.learned());
+        let (responses, sent) =
+            (View::new(responses, rows, self.lights), View::new(&sent, rank, self.lights));
+        let mixed = |alone: Vec<f32>, together: Vec<f32>, rows: usize| {
+            DMatrix::from_fn(rows, rank, |i, j| {
+                let at = i * rank + j;
+                (1.0 - LEARNED) * f64::from(alone[at])
+                    + LEARNED / self.lights as f64 * f64::from(together[at])
+            })
+        };
+        Fit {
+            rows,
+            rank,
+            cross: mixed(product(x, v.transposed()), product(responses, sent.transposed()), rows),
+            square: mixed(product(v, v.transposed()), product(sent, sent.transposed()), rank),
+        }
+    }
+}
+
+fn column_energies(x: &[f32], count: usize) -> Vec<f32> {
+    let mut energies = vec![0.0; count];
+    for row in x.chunks_exact(count.max(1)) {
+        add_squares(&mut energies, row);
+    }
+    energies
+}
+
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn add_squares(sums: &mut [f32], values: &[f32]) {
+    for (sum, value) in sums.iter_mut().zip(values) {
+        *sum += value * value;
+    }
+}
+
+/// The numbers of the `count` largest entries, ascending; ties go to the smaller number.
+fn strongest(values: &[f32], count: usize) -> Vec<u32> {
+    let mut order: Vec<u32> = (0..values.len() as u32).collect();
+    if count < order.len() {
+        order.select_nth_unstable_by(count, |&a, &b| {
+            values[b as usize].total_cmp(&values[a as usize]).then(a.cmp(&b))
+        });
+        order.truncate(count);
+    }
+    order.sort_unstable();
+    order
+}
+
+/// The columns `candidates` of `x`.
+fn compacted(x: &[f32], count: usize, candidates: &[u32]) -> Vec<f32> {
+    let mut compact = Vec::with_capacity(x.len() / count.max(1) * candidates.len());
+    for row in x.chunks_exact(count.max(1)) {
+        compact.extend(candidates.iter().map(|&column| row[column as usize]));
+    }
+    compact
+}
+
+/// An orthonormal basis of the columns of a `rows x width` matrix, by two rounds of Cholesky QR in double precision: those of a
+/// power iteration are nearly parallel.
+fn orthonormalised(values: &[f32], rows: usize, width: usize) -> Vec<f32> {
+    let mut matrix = DMatrix::from_fn(rows, width, |i, j| f64::from(values[i * width + j]));
+    for _ in 0..2 {
+        let mut square = matrix.tr_mul(&matrix);
+        let ridge = 1e-14 * square.trace() + 1e-300;
+        (0..width).for_each(|i| square[(i, i)] += ridge);
+        let inverse = square.cholesky().and_then(|factor| factor.l().try_inverse());
+        let Some(inverse) = inverse else { break };
+        matrix *= inverse.transpose();
+    }
+    (0..rows * width).map(|k| matrix[(k / width, k % width)] as f32).collect()
+}
+
+/// The kept coefficients as distances that fit 16 bits. A longer distance is walked by fillers (`None`), whose `V` is
+/// zero; the first distance is from coefficient 0.
+fn with_short_steps(candidates: &[u32], places: &[u32]) -> (Vec<Option<u32>>, Vec<u16>) {
+    let (mut slots, mut steps, mut last) = (Vec::new(), Vec::new(), 0);
+    for &place in places {
+        let mut distance = candidates[place as usize] - last;
+        while distance > u32::from(u16::MAX) {
+            slots.push(None);
+            steps.push(u16::MAX);
+            distance -= u32::from(u16::MAX);
+        }
+        slots.push(Some(place));
+        steps.push(distance as u16);
+        last = candidates[place as usize];
+    }
+    (slots, steps)
+}
+
+/// 8-bit companding, a scale a direction: `v = q |q| scale`.
+fn compand(v: &[f32], count: usize) -> (Vec<i8>, Vec<f32>) {
+    let (mut bytes, mut scales) = (Vec::with_capacity(v.len()), Vec::new());
+    for direction in v.chunks_exact(count.max(1)) {
+        let largest = direction.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+        let scale = largest / (127.0 * 127.0);
+        let inverse = if scale > 0.0 { 1.0 / scale } else { 0.0 };
+        bytes.extend(direction.iter().map(|v| ((v.abs() * inverse).sqrt().round().copysign(*v)) as i8));
+        scales.push(scale);
+    }
+    (bytes, scales)
+}
+
+fn expand(v: &[i8], scales: &[f32], count: usize) -> Vec<f32> {
+    let decode = |(direction, &scale): (&[i8], &f32)| {
+        direction.iter().map(|&q| f32::from(q) * f32::from(q).abs() * scale).collect::<Vec<_>>()
+    };
+    v.chunks_exact(count.max(1)).zip(scales).flat_map(decode).collect()
+}
+
+/// The weights of each row on the directions as they were quantised: those of the least expected error.
+struct Fit {
+    rows: usize,
+    rank: usize,
+    /// `X S V^T`, `rows x rank`.
+    cross: DMatrix<f64>,
+    /// `V S V^T`.
+    square: DMatrix<f64>,
+}
+
+impl Fit {
+    /// The weights in 8 bits, column after column, their scales, and the weights that these stand for, row after row.
+    fn quantised(&self) -> (Vec<i8>, Vec<f32>, Vec<f32>) {
+        let mut ridged = self.square.clone();
+        let ridge = 1e-7 * ridged.trace() + 1e-300;
+        for i in 0..self.rank {
+            ridged[(i, i)] += ridge;
+        }
+        let solved = ridged.cholesky().map(|factor| factor.solve(&self.cross.transpose()).transpose());
+        let weights = solved.unwrap_or_else(|| DMatrix::zeros(self.rows, self.rank));
+        let (mut bytes, mut scales) = (Vec::with_capacity(self.rows * self.rank), Vec::new());
+        let mut coarse = vec![0.0; self.rows * self.rank];
+        for column in 0..self.rank {
+            let scale = weights.column(column).amax() / 127.0;
+            for row in 0..self.rows {
+                let q = if scale > 0.0 { (weights[(row, column)] / scale).round() } else { 0.0 };
+                bytes.push(q as i8);
+                coarse[row * self.rank + column] = (q * scale) as f32;
+            }
+            scales.push(scale as f32);
+        }
+        (bytes, scales, coarse)
+    }
+}
+
+#[cfg(test)]
+#[path = "low_rank_encoder_tests.rs"]
+mod tests;

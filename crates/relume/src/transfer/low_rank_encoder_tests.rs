@@ -1,0 +1,160 @@
+use glam::Vec3;
+
+use super::*;
+use crate::trace::sampling::{hash, unit};
+use crate::transfer::Coefficients;
+use crate::transfer::haar;
+use crate::transfer::low_rank::LowRank;
+
+const COUNT: usize = 256;
+const ROWS: usize = 64;
+const LIGHTS: usize = 48;
+
+/// A bump on a line of cells: what a lamp lights, or what a point sees.
+fn bump(center: f32, width: f32) -> Vec<f32> {
+    (0..COUNT).map(|i| (-((i as f32 - center) / width).powi(2)).exp()).collect()
+}
+
+fn coefficients(mut values: Vec<f32>) -> Vec<f32> {
+    haar::forward(&mut values, &mut vec![0.0; COUNT]);
+    values
+}
+
+fn lamps(first: u32, count: u32) -> Vec<Vec<f32>> {
+    let random = |light: u32, dimension: u32| unit(hash(dimension, hash(light, 7)));
+    (first..first + count)
+        .map(|light| bump(random(light, 0) * COUNT as f32, 6.0 + 12.0 * random(light, 1)))
+        .collect()
+}
+
+fn columns_of(lamps: &[Vec<f32>]) -> Vec<f32> {
+    let columns: Vec<Vec<f32>> = lamps.iter().map(|lamp| coefficients(lamp.clone())).collect();
+    (0..COUNT * lamps.len()).map(|i| columns[i % lamps.len()][i / lamps.len()]).collect()
+}
+
+/// Magnitudes of one, so that only the training lights tell coefficients apart.
+fn prior(training: &[Vec<f32>]) -> LightPrior {
+    LightPrior {
+        magnitudes: vec![1.0; COUNT],
+        training: columns_of(training),
+        lights: training.len(),
+        held: columns_of(&held()),
+        held_lights: held().len(),
+    }
+}
+
+fn held() -> Vec<Vec<f32>> {
+    lamps(1000, 8)
+}
+
+/// Rows that see a bump each, and a part of it in fine detail.
+fn rows() -> Vec<f32> {
+    (0..ROWS)
+        .flat_map(|row| {
+            let mut seen = bump(row as f32 * 3.0 + 20.0, 12.0);
+            seen.iter_mut().enumerate().for_each(|(i, v)| *v *= 0.2 + unit(hash(i as u32, row as u32 / 8)));
+            seen
+        })
+        .collect()
+}
+
+fn encoded(prior: &LightPrior, settings: &LowRankSettings) -> (Encoded, f64) {
+    let x: Vec<f32> = rows().chunks_exact(COUNT).flat_map(|row| coefficients(row.to_vec())).collect();
+    let encoded = encode(&x, ROWS, settings, prior);
+    let error = (encoded.lost.iter().sum::<f64>() / encoded.energy.iter().sum::<f64>()).sqrt();
+    (encoded, error)
+}
+
+const ALL: LowRankSettings = LowRankSettings { rank: ROWS, kept: COUNT, price: 0.0 };
+
+#[test]
+fn nothing_but_rounding_is_lost_when_all_is_kept() {
+    let (encoded, error) = encoded(&prior(&lamps(0, LIGHTS as u32)), &ALL);
+    assert_eq!((encoded.shape.rank, encoded.shape.kept), (ROWS as u32, COUNT as u32));
+    assert!(error < 0.01, "{error}");
+}
+
+#[test]
+fn the_loss_that_is_told_is_that_of_applying_the_block() {
+    let settings = LowRankSettings { rank: 12, kept: 40, ..ALL };
+    let (encoded, _) = encoded(&prior(&lamps(0, LIGHTS as u32)), &settings);
+    let (energy, lost) = (encoded.energy.clone(), encoded.lost.clone());
+    let matrix = LowRank::from_blocks(vec![encoded]);
+    for (light, lamp) in held().iter().enumerate() {
+        let grey: Vec<Vec3> = lamp.iter().map(|&v| Vec3::splat(v)).collect();
+        let mut out = vec![Vec3::ZERO; ROWS];
+        matrix.apply(&Coefficients::new(&grey, &[]), &mut out);
+        let truth = rows();
+        let truth =
+            truth.chunks_exact(COUNT).map(|row| row.iter().zip(lamp).map(|(a, b)| a * b).sum::<f32>());
+        let (mut all, mut missed) = (0.0, 0.0);
+        for (truth, out) in truth.zip(&out) {
+            all += f64::from(truth).powi(2);
+            missed += f64::from(truth - out.x).powi(2);
+        }
+        assert!((all / energy[light] - 1.0).abs() < 1e-3, "{all} {}", energy[light]);
+        assert!((missed / lost[light] - 1.0).abs() < 0.01, "{missed} {}", lost[light]);
+    }
+}
+
+#[test]
+fn dropped_light_is_guessed_from_what_the_training_lights_have_in_common() {
+    let settings = LowRankSettings { rank: 24, kept: 16, ..ALL };
+    let (_, taught) = encoded(&prior(&lamps(0, LIGHTS as u32)), &settings);
+    let (_, untaught) = encoded(&prior(&[vec![1.0; COUNT]]), &settings);
+    assert!(taught < 0.85 * untaught, "{taught} against {untaught}");
+}
+
+#[test]
+fn a_higher_price_buys_less_and_loses_more() {
+    let prior = prior(&lamps(0, LIGHTS as u32));
+    let at = |price| {
+        let (encoded, error) = encoded(&prior, &LowRankSettings { price, ..ALL });
+        (encoded.shape.rank * encoded.shape.kept, error)
+    };
+    let (dear, fair, free) = (at(1e-1), at(1e-3), at(0.0));
+    assert!(dear.0 < fair.0 && fair.0 < free.0, "{dear:?} {fair:?} {free:?}");
+    assert!(dear.1 > fair.1 && fair.1 > free.1, "{dear:?} {fair:?} {free:?}");
+}
+
+#[test]
+fn a_block_that_sees_nothing_costs_nothing() {
+    let prior = prior(&lamps(0, LIGHTS as u32));
+    let encoded = encode(&vec![0.0; ROWS * COUNT], ROWS, &ALL, &prior);
+    assert_eq!((encoded.shape.rank, encoded.shape.kept), (0, 0));
+    assert!(encoded.lost.iter().all(|&lost| lost == 0.0));
+    let mut out = vec![Vec3::ONE; ROWS];
+    LowRank::from_blocks(vec![encoded]).apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[]), &mut out);
+    assert!(out.iter().all(|&rgb| rgb == Vec3::ZERO));
+}
+
+#[test]
+fn orthonormal_bases_of_nearly_parallel_columns_are_orthonormal() {
+    let width = 6;
+    let values: Vec<f32> =
+        (0..ROWS * width).map(|i| 1.0 + 1e-3 * unit(hash((i % width) as u32, (i / width) as u32))).collect();
+    let basis = orthonormalised(&values, ROWS, width);
+    for a in 0..width {
+        for b in 0..width {
+            let dot: f32 = (0..ROWS).map(|row| basis[row * width + a] * basis[row * width + b]).sum();
+            assert!((dot - f32::from(u8::from(a == b))).abs() < 1e-5, "{a} {b}: {dot}");
+        }
+    }
+}
+
+/// A lone row whose light is worth a direction but none of its coefficients their places.
+#[test]
+fn directions_without_coefficients_are_dropped() {
+    let prior = prior(&lamps(0, LIGHTS as u32));
+    let mut row = coefficients(vec![0.0; COUNT]);
+    row.iter_mut().enumerate().for_each(|(i, v)| *v = if i > 0 { 0.1 } else { 0.0 });
+    let energy = 0.01 * (COUNT - 1) as f32;
+    for price in (1..60).map(|step| energy / step as f32 * 0.5) {
+        let encoded = encode(&row, 1, &LowRankSettings { rank: 4, kept: COUNT, price }, &prior);
+        let BlockShape { rank, kept, .. } = encoded.shape;
+        assert_eq!(rank == 0, kept == 0, "price {price}: {rank} directions of {kept} coefficients");
+        let matrix = LowRank::from_blocks(vec![encoded]);
+        assert!(matrix.is_sound(1, COUNT), "price {price}");
+        matrix.apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[]), &mut [Vec3::ZERO]);
+    }
+}

@@ -87,6 +87,34 @@ fn areas_add_up_and_normals_face_inwards() {
     assert!(cloud.samples.iter().all(|sample| sample.albedo.abs_diff_eq(Vec3::splat(0.6), 1e-4)));
 }
 
+/// Whatever cells follow, they part the same surface, and a lamp's light on them is all of its light.
+#[test]
+fn every_method_parts_the_whole_surface() {
+    let albedo = Vec3::new(0.8, 0.5, 0.25);
+    let built = empty_room(lambertian(albedo));
+    let position = Vec3::new(1.0, 1.0, 1.5);
+    let lamp = Light { name: "lamp".into(), enabled: true, kind: omni(position, Vec3::ONE, 0.0) };
+    let [uniform, importance, adaptive] =
+        [CloudMethod::Uniform, CloudMethod::Importance, CloudMethod::Adaptive].map(|method| {
+            let (cloud, _) = gather_by(method, &built, 4096, 0).unwrap();
+            let lit = illuminate(&cloud, &built.accel, &lamp);
+            let power: Vec3 = cloud.samples.iter().zip(&lit.radiance).map(|(s, g)| s.area * *g).sum();
+            let ratio = power * std::f32::consts::PI / (4.0 * std::f32::consts::PI * albedo);
+            println!("{method:?}: {ratio}");
+            assert!((ratio - 1.0).abs().max_element() < 0.002, "{method:?}: {ratio}");
+            cloud
+        });
+    let total = area(&uniform, |_, _| true);
+    for cloud in [&importance, &adaptive] {
+        let other = area(cloud, |_, _| true);
+        assert!((other / total - 1.0).abs() < 1e-4, "{other} {total}");
+    }
+    // where cells are unlike, the smallest are far smaller than those of equal cells
+    let smallest = |cloud: &GatherCloud| cloud.samples.iter().fold(f32::INFINITY, |s, c| s.min(c.area));
+    assert!(smallest(&adaptive) < 0.5 * smallest(&uniform));
+    assert!(smallest(&importance) < 0.5 * smallest(&uniform));
+}
+
 #[test]
 fn sub_samples_share_their_patch() {
     let cloud = cloud(&box_room());

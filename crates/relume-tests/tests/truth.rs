@@ -110,7 +110,7 @@ fn indirect_light_agrees_with_the_path_tracer() {
         let lights = rig([light]);
         let [exact, encoded] =
             [&shot.transfer, &low_rank].map(|t| relight_afresh(t, &lights, &settings).indirect);
-        relative_l2(&encoded, &exact).unwrap()
+        relative_l2(&encoded, &exact).expect("images of one size")
     });
     let lost: Vec<f64> = lost.collect();
     let (median, _) = median_and_worst(&lost);

@@ -388,12 +388,12 @@ struct Fit {
 impl Fit {
     /// The weights in 8 bits, column after column, their scales, and the weights that these stand for, row after row.
     fn quantised(&self) -> (Vec<i8>, Vec<f32>, Vec<f32>) {
-        let mut ridged = self.square.clone();
-        let ridge = 1e-7 * ridged.trace() + 1e-300;
-        for i in 0..self.rank {
-            ridged[(i, i)] += ridge;
-        }
-        let solved = ridged.cholesky().map(|factor| factor.solve(&self.cross.transpose()).transpose());
+        // products in single precision may leave a singular matrix slightly indefinite: then the ridge is raised
+        let factor = (-7..0).find_map(|power| {
+            let ridge = 10.0_f64.powi(power) * self.square.trace() + 1e-300;
+            (&self.square + DMatrix::identity(self.rank, self.rank) * ridge).cholesky()
+        });
+        let solved = factor.map(|factor| factor.solve(&self.cross.transpose()).transpose());
         let weights = solved.unwrap_or_else(|| DMatrix::zeros(self.rows, self.rank));
         let (mut bytes, mut scales) = (Vec::with_capacity(self.rows * self.rank), Vec::new());
         let mut coarse = vec![0.0; self.rows * self.rank];

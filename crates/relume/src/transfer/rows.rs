@@ -368,3 +368,30 @@ fn pick(weights: &[f32], at: f32) -> usize {
     }
     last
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEAD: GatherPoint =
+        GatherPoint { position: Vec3::ZERO, shading_normal: Vec3::Y, geometric_normal: Vec3::Y, seed: 0 };
+
+    #[test]
+    fn points_are_alike_that_are_near_in_the_plane_and_face_alike() {
+        let beside = GatherPoint { position: Vec3::new(0.09, 0.0, 0.0), ..HEAD };
+        assert!(HEAD.is_like(&HEAD, 1e-3) && beside.is_like(&HEAD, 0.1));
+        assert!(!beside.is_like(&HEAD, 0.08), "surroundings are closer than that");
+        let tilted = Vec3::new(0.8, 0.6, 0.0);
+        assert!(!GatherPoint { shading_normal: tilted, ..beside }.is_like(&HEAD, 0.1));
+        assert!(!GatherPoint { geometric_normal: tilted, ..beside }.is_like(&HEAD, 0.1));
+        let step = GatherPoint { position: Vec3::new(0.09, 0.03, 0.0), ..HEAD };
+        assert!(!step.is_like(&HEAD, 0.1), "another plane");
+    }
+
+    #[test]
+    fn what_weighs_nothing_is_never_picked() {
+        let weights = [0.0, 1.0, 0.0, 3.0, 0.0];
+        assert_eq!([0.0, 0.99, 1.0, 3.99, 4.0].map(|at| pick(&weights, at)), [1, 1, 3, 3, 3]);
+        assert_eq!(pick(&[0.0; 4], 0.0), 0);
+    }
+}

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use relume::glam::{DVec3, Vec3};
 use relume::image::{Image, Layers};
 use relume::relight::RelightSettings;
+use relume::sample::Receivers;
 use relume::transfer::{Quality, Settings};
 use relume::{LightRig, Preparation, Relighter, Transfer};
 
@@ -35,6 +36,18 @@ pub fn relight_afresh(transfer: &Arc<Transfer>, rig: &LightRig, settings: &Relig
 pub fn row_sums(transfer: &Transfer) -> Vec<f32> {
     let ones = vec![Vec3::ONE; transfer.cloud.len()];
     transfer.gather.apply(&ones).iter().map(|sum| sum.x).collect()
+}
+
+/// The pixels whose centre reflects light, with the row of the final gather from which it takes its light.
+pub fn lit_centers(transfer: &Transfer) -> impl Iterator<Item = (usize, usize)> {
+    let rows = transfer.rows_of_centers.iter().enumerate();
+    rows.filter(|&(_, &row)| row != Receivers::NONE).map(|(pixel, &row)| (pixel, row as usize))
+}
+
+/// What the row of each lit pixel's centre adds up to.
+pub fn center_sums(transfer: &Transfer) -> Vec<f32> {
+    let sums = row_sums(transfer);
+    lit_centers(transfer).map(|(_, row)| sums[row]).collect()
 }
 
 /// Smallest, mean and largest of some numbers.

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use relume::glam::Vec3;
 use relume::image::Layers;
 use relume::relight::RelightSettings;
+use relume::sample::Receivers;
 use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef, Wrap};
 use relume::transfer::{Encoding, FORMAT_VERSION, Quality, Settings};
 use relume::{Error, Transfer};
@@ -186,6 +187,23 @@ fn foreign_files_are_refused() {
     assert!(missing.is_bad_input() && missing.to_string().contains("none.relume"), "{missing}");
     let folder = Transfer::load(saved.folder.path()).unwrap_err();
     assert!(folder.is_bad_input() && folder.to_string().contains("is no file"), "{folder}");
+}
+
+/// Whole files, whose checksums are right, that name rows which are not there.
+#[test]
+fn rows_that_are_not_there_are_refused() {
+    let transfer = small(Encoding::LowRank);
+    let outside = vec![transfer.gather.rows as u32; transfer.view.quads.len()];
+    let few = vec![Receivers::NONE; transfer.view.quads.len() - 1];
+    let none = vec![Receivers::NONE; transfer.view.quads.len()];
+    let saved = |rows: Vec<u32>| Saved::new(&Transfer { rows_of_quads: rows.into(), ..transfer.clone() });
+    for rows in [outside, few] {
+        let saved = saved(rows);
+        let sentence = saved.refusal(&saved.bytes, "rows that are not there");
+        assert!(sentence.contains("view.rows_of_quads"), "{sentence}");
+    }
+    let saved = saved(none);
+    assert!(saved.load(&saved.bytes).is_ok(), "nothing that is lit is no mistake");
 }
 
 #[test]

@@ -32,7 +32,7 @@ fn gather_by(
         camera.direction((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5, width, height)
     };
     let seen: Vec<(Hit, Vec3)> =
-        hits.into_iter().enumerate().map(|(pixel, hit)| (hit, direction(pixel))).collect();
+        hits.centers.into_iter().enumerate().map(|(pixel, hit)| (hit, direction(pixel))).collect();
     let settings = CloudSettings { count, method, seed };
     GatherCloud::new(&built.scene, &built.geometry, &built.accel, &seen, &settings, &())
 }

@@ -200,6 +200,7 @@ struct CacheContents<'a> {
     width: usize,
     height: usize,
     lit_pixels: usize,
+    receivers: usize,
     gather_samples: usize,
     /// Sizes in memory, which are those in the file but for its header.
     parts: Parts,
@@ -225,7 +226,8 @@ impl Parts {
             bounce_bytes: transfer.bounce.bytes(),
             view_samples_bytes: size_of_val(&*view.centers)
                 + size_of_val(&*view.quads)
-                + size_of_val(&*transfer.pixels),
+                + size_of_val(&*transfer.rows_of_centers)
+                + size_of_val(&*transfer.rows_of_quads),
             gather_samples_bytes: size_of_val(&*cloud.samples) + size_of_val(&*cloud.sub_samples),
             occluders_bytes: size_of_val(&*occluders.positions) + size_of_val(&*occluders.triangles) + masks,
         }
@@ -242,7 +244,8 @@ impl<'a> CacheContents<'a> {
             bytes_per_pixel: transfer.bytes_per_pixel(),
             width: transfer.view.width,
             height: transfer.view.height,
-            lit_pixels: transfer.pixels.len(),
+            lit_pixels: transfer.lit_pixels(),
+            receivers: transfer.gather.rows,
             gather_samples: transfer.cloud.len(),
             parts: Parts::of(transfer),
             report: &transfer.report,
@@ -270,7 +273,13 @@ impl std::fmt::Display for CacheContents<'_> {
         );
         table.line(
             "image",
-            format!("{}x{}, {} pixels lit", self.width, self.height, count(self.lit_pixels as u64)),
+            format!(
+                "{}x{}, {} pixels lit, {} receivers",
+                self.width,
+                self.height,
+                count(self.lit_pixels as u64),
+                count(self.receivers as u64)
+            ),
         );
         table.line(
             "prepared with",

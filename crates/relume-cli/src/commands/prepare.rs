@@ -126,6 +126,7 @@ struct Figures<'a> {
     triangles: u64,
     gather_samples: usize,
     lit_pixels: usize,
+    receivers: usize,
     scene_hash: &'a str,
     threads: usize,
     settings: &'a Settings,
@@ -220,7 +221,8 @@ impl<'a> Figures<'a> {
             bounce_encoding_error: report.bounce_error,
             triangles: report.triangles,
             gather_samples: transfer.cloud.len(),
-            lit_pixels: transfer.pixels.len(),
+            lit_pixels: transfer.lit_pixels(),
+            receivers: transfer.gather.rows,
             scene_hash: &report.scene_hash,
             threads: rayon::current_num_threads(),
             settings: &report.settings,
@@ -234,7 +236,14 @@ impl std::fmt::Display for Figures<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let (width, height) = self.settings.size;
         let mut table = Table::new();
-        table.line("image", format!("{width}x{height}, {} pixels lit", count(self.lit_pixels as u64)));
+        table.line(
+            "image",
+            format!(
+                "{width}x{height}, {} pixels lit, {} receivers",
+                count(self.lit_pixels as u64),
+                count(self.receivers as u64)
+            ),
+        );
         table.line(
             "scene",
             format!(

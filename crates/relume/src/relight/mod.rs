@@ -19,7 +19,6 @@ use crate::scene::{Light, LightRig};
 use crate::trace::Accel;
 use crate::transfer::{BounceSeries, Transfer};
 use crate::{Error, Progress, Result};
-use upsample::Upsampling;
 
 /// Which light to show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -97,7 +96,6 @@ pub struct Relighter {
     transfer: Arc<Transfer>,
     accel: Accel,
     bounces: BounceSeries,
-    upsampling: Upsampling,
     edges: Vec<bool>,
     kept: Vec<Kept>,
     emission: Option<(RelightSettings, Lit)>,
@@ -113,7 +111,6 @@ impl Relighter {
         Self {
             accel: transfer.occluders.accel(),
             bounces: BounceSeries::new(&transfer.bounce, &albedo),
-            upsampling: Upsampling::new(&transfer.view, &transfer.pixels),
             edges: edge_pixels(&transfer.view),
             kept: Vec::new(),
             emission: None,
@@ -231,7 +228,7 @@ impl Relighter {
         let gathered = self.transfer.gather.apply(&bounced);
         self.stats.gather_ms += milliseconds(began);
         let began = Instant::now();
-        let pixels = self.upsampling.apply(&self.transfer.view, &gathered, aa);
+        let pixels = upsample::upsample(&self.transfer, &gathered, aa);
         self.stats.upsample_ms += milliseconds(began);
         pixels
     }

@@ -5,6 +5,7 @@ mod cloud;
 mod illumination;
 mod packed;
 mod reach;
+mod receivers;
 mod refine;
 mod sightings;
 mod speakers;
@@ -16,5 +17,7 @@ pub use cloud::{
 };
 pub use illumination::{CloudLight, illuminate};
 pub use packed::{PackedNormal, PackedUnit};
+pub use receivers::{Receiver, Receivers};
 pub(crate) use tree::cluster_order;
-pub use view::{ViewSample, ViewSamples, edge_pixels};
+pub(crate) use view::QUAD;
+pub use view::{ViewHits, ViewSample, ViewSamples, edge_pixels};

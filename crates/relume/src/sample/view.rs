@@ -125,6 +125,15 @@ pub struct ViewSamples {
     pub quad_emission: Vec<(u32, Vec3)>,
 }
 
+/// Where the rays through the view samples first hit.
+#[derive(Clone, Debug, Default)]
+pub struct ViewHits {
+    /// Of [`ViewSamples::centers`].
+    pub centers: Vec<Hit>,
+    /// Of [`ViewSamples::quads`].
+    pub quads: Vec<Hit>,
+}
+
 /// Offsets of the four samples of a pixel from its top left corner.
 pub(crate) const QUAD: [Vec2; 4] =
     [Vec2::new(0.25, 0.25), Vec2::new(0.75, 0.25), Vec2::new(0.25, 0.75), Vec2::new(0.75, 0.75)];
@@ -137,7 +146,7 @@ struct Row {
 }
 
 impl ViewSamples {
-    /// Sends a ray through each pixel's centre and four more around it. Also returns the centres' hits.
+    /// Sends a ray through each pixel's centre and four more around it. Also returns their hits.
     ///
     /// # Errors
     /// [`Error::Cancelled`].
@@ -148,7 +157,7 @@ impl ViewSamples {
         camera: &Camera,
         (width, height): (usize, usize),
         progress: &dyn Progress,
-    ) -> Result<(Self, Vec<Hit>)> {
+    ) -> Result<(Self, ViewHits)> {
         progress.stage("view samples", height as u64);
         let look = |row: usize, offsets: &[Vec2]| -> Row {
             let rays: Vec<Ray> = (0..width)
@@ -186,15 +195,16 @@ impl ViewSamples {
             })
             .collect::<Result<_>>()?;
         let mut view = Self { width, height, camera: camera.position(), ..Self::default() };
-        let mut center_hits = Vec::with_capacity(width * height);
+        let mut hits = ViewHits::default();
         for (center, quad) in rows {
             view.centers.extend(center.samples);
             view.center_emission.extend(center.emission);
-            center_hits.extend(center.hits);
+            hits.centers.extend(center.hits);
+            hits.quads.extend(quad.hits);
             view.quads.extend(quad.samples);
             view.quad_emission.extend(quad.emission);
         }
-        Ok((view, center_hits))
+        Ok((view, hits))
     }
 
     /// Pixels.
@@ -202,24 +212,11 @@ impl ViewSamples {
         self.width * self.height
     }
 
-    /// For each of `quads`, the pixel of the 3x3 around it whose centre is most like it in position and normal
-    /// (Hasan 2006, section 3.6): the one whose indirect light it takes. `u32::MAX` for the sky.
-    pub fn nearest_centers(&self) -> Vec<u32> {
-        let mut nearest = vec![u32::MAX; self.quads.len()];
-        nearest.par_chunks_mut(4 * self.width).enumerate().for_each(|(row, nearest)| {
-            for (index, nearest) in nearest.iter_mut().enumerate() {
-                let sample = &self.quads[row * 4 * self.width + index];
-                if sample.is_lit() {
-                    *nearest = self.nearest_center(sample, row, index / 4);
-                }
-            }
-        });
-        nearest
-    }
-
-    fn nearest_center(&self, sample: &ViewSample, row: usize, column: usize) -> u32 {
+    /// The pixel of the 3x3 around `(row, column)` whose lit centre is most like `sample` in position and normal (Hasan 2006,
+    /// section 3.6); `None` where no centre is lit.
+    pub(super) fn nearest_center(&self, sample: &ViewSample, row: usize, column: usize) -> Option<u32> {
         let (geometric, shading) = (sample.geometric_normal.get(), sample.shading_normal.get());
-        let mut best = (f32::INFINITY, (row * self.width + column) as u32);
+        let mut best = (f32::INFINITY, None);
         for y in row.saturating_sub(1)..(row + 2).min(self.height) {
             for x in column.saturating_sub(1)..(column + 2).min(self.width) {
                 let pixel = y * self.width + x;
@@ -233,7 +230,7 @@ impl ViewSamples {
                 let turned = center.shading_normal.get().distance_squared(shading);
                 let unlike = apart.length_squared() + 100.0 * off_plane * off_plane + 1e-3 * turned;
                 if unlike < best.0 {
-                    best = (unlike, pixel as u32);
+                    best = (unlike, Some(pixel as u32));
                 }
             }
         }

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::sample::{GatherCloud, GatherSample, ViewSamples, cluster_order};
+use crate::sample::{GatherCloud, GatherSample, Receiver, cluster_order};
 use crate::trace::sampling::hash;
 use crate::transfer::rows::{GatherPoint, TILE};
 
@@ -10,38 +10,26 @@ use crate::transfer::rows::{GatherPoint, TILE};
 pub(super) struct Blocks {
     pub(super) points: Vec<GatherPoint>,
     pub(super) lengths: Vec<usize>,
-    /// The pixel, or the gather sample.
+    /// The receiver, or the gather sample.
     pub(super) owners: Vec<u32>,
 }
 
-/// Runs of `length` pixels that lie close together and face alike; the last may be shorter. Pixels that reflect nothing are
-/// left out.
-pub(super) fn of_pixels(view: &ViewSamples, length: usize, seed: u32) -> Blocks {
-    let lit: Vec<u32> =
-        (0..view.pixels() as u32).filter(|&pixel| view.centers[pixel as usize].is_lit()).collect();
-    let points: Vec<GatherPoint> = lit
-        .iter()
-        .map(|&pixel| {
-            let sample = &view.centers[pixel as usize];
-            GatherPoint {
-                position: sample.position,
-                shading_normal: sample.shading_normal.get(),
-                geometric_normal: sample.geometric_normal.get(),
-                seed: hash(pixel, seed),
-            }
-        })
-        .collect();
+/// Runs of `length` receivers that lie close together and face alike; the last may be shorter.
+pub(super) fn of_receivers(receivers: &[Receiver], length: usize, seed: u32) -> Blocks {
+    let point = |(index, receiver): (usize, &Receiver)| GatherPoint {
+        position: receiver.position,
+        shading_normal: receiver.shading_normal,
+        geometric_normal: receiver.geometric_normal,
+        seed: hash(index as u32, seed),
+    };
+    let points: Vec<GatherPoint> = receivers.iter().enumerate().map(point).collect();
     let low = points.iter().fold(Vec3::INFINITY, |low, point| low.min(point.position));
     let high = points.iter().fold(Vec3::NEG_INFINITY, |high, point| high.max(point.position));
     let places: Vec<(Vec3, Vec3)> =
         points.iter().map(|point| (point.position, point.shading_normal)).collect();
     let order = cluster_order(&places, low.distance(high), [length, TILE]);
     let lengths = (0..points.len()).step_by(length).map(|first| length.min(points.len() - first)).collect();
-    Blocks {
-        owners: order.iter().map(|&index| lit[index as usize]).collect(),
-        points: order.iter().map(|&index| points[index as usize]).collect(),
-        lengths,
-    }
+    Blocks { points: order.iter().map(|&index| points[index as usize]).collect(), lengths, owners: order }
 }
 
 /// Runs of `length` gather samples, a power of four, or of all if there are fewer: clusters of the tree.

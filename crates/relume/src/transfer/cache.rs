@@ -23,14 +23,14 @@ use xxhash_rust::xxh3::xxh3_64;
 use super::haar_rows::HaarRows;
 use super::low_rank::LowRank;
 use super::{Buffer, Encoding, Matrix, Occluders, Operator, Report, Timings, Transfer};
-use crate::sample::{GatherCloud, SUB_SAMPLES, ViewSamples};
+use crate::sample::{GatherCloud, Receivers, SUB_SAMPLES, ViewSamples};
 use crate::scene::Wrap;
 use crate::trace::{AlphaMask, AlphaMasks};
 use crate::{Error, Result, atomic_write};
 
 /// Version of the file format. A file of another version is refused: preparing again takes minutes, guessing at old
 /// files costs trust.
-pub const FORMAT_VERSION: u32 = 3;
+pub const FORMAT_VERSION: u32 = 4;
 
 const KEY: &str = "relume";
 
@@ -132,7 +132,8 @@ impl Transfer {
         tensors.add("view.quads", Dtype::U8, &[48], &self.view.quads);
         tensors.add("view.center_emission", Dtype::U32, &[4], &centers);
         tensors.add("view.quad_emission", Dtype::U32, &[4], &quads);
-        tensors.add("view.pixels", Dtype::U32, &[], &self.pixels);
+        tensors.add("view.rows_of_centers", Dtype::U32, &[], &self.rows_of_centers);
+        tensors.add("view.rows_of_quads", Dtype::U32, &[], &self.rows_of_quads);
         tensors.add("cloud.samples", Dtype::U8, &[64], &self.cloud.samples);
         tensors.add("cloud.sub_samples", Dtype::U8, &[24], &self.cloud.sub_samples);
         tensors.add_operator("gather", &self.gather);
@@ -394,15 +395,29 @@ impl<'a> Opened<'a> {
         let (view, cloud) = (self.view()?, self.cloud()?);
         let gather = self.operator("gather", &self.header.gather, cloud.len())?;
         let bounce = self.operator("bounce", &self.header.bounce, cloud.len())?;
-        let pixels: Buffer<u32> = self.buffer("view.pixels")?;
-        let fits = bounce.rows == cloud.len()
-            && gather.rows == pixels.len()
-            && pixels.iter().all(|&pixel| (pixel as usize) < view.pixels());
-        if !fits {
-            return Err(self.refuse("view.pixels"));
+        if bounce.rows != cloud.len() {
+            return Err(self.refuse("bounce"));
         }
+        let rows = |name: &str, samples: usize| -> Result<Buffer<u32>> {
+            let rows: Buffer<u32> = self.buffer(name)?;
+            let known = |&row: &u32| row == Receivers::NONE || (row as usize) < gather.rows;
+            let fits = rows.len() == samples && rows.iter().all(known);
+            if fits { Ok(rows) } else { Err(self.refuse(name)) }
+        };
+        let rows_of_centers = rows("view.rows_of_centers", view.centers.len())?;
+        let rows_of_quads = rows("view.rows_of_quads", view.quads.len())?;
         let occluders = self.occluders()?;
         let report = self.header.report;
-        Ok(Transfer { report, timings: Timings::default(), view, cloud, gather, bounce, pixels, occluders })
+        Ok(Transfer {
+            report,
+            timings: Timings::default(),
+            view,
+            cloud,
+            gather,
+            bounce,
+            rows_of_centers,
+            rows_of_quads,
+            occluders,
+        })
     }
 }

@@ -21,11 +21,13 @@ use super::low_rank::{BlockShape, LowRankSettings};
 use super::prior::LightPrior;
 
 /// `a`: how far the training lights are trusted about what goes together.
-const LEARNED: f64 = 0.5;
+const LEARNED: f64 = 0.75;
 /// Directions beyond the rank that the search carries along, for accuracy.
 const OVERSAMPLING: usize = 8;
 /// Coefficients that the search looks at beside the most that are kept: half as many again.
 const CANDIDATES: f64 = 1.5;
+/// Training lights from whose responses the search starts, at most.
+const STARTING_LIGHTS: usize = 128;
 /// Bytes of a kept coefficient that no direction pays for: its place.
 const PLACE_BYTES: usize = 2;
 
@@ -150,15 +152,12 @@ impl Block {
             expected.extend(responses.iter().map(|value| value * together));
         }
         let expected = View::new(&expected, rows, columns);
-        let view = self.view(responses);
-        let (turned, energies) = eigenvectors(&product(view.transposed(), view), self.lights);
         let least = price * rows as f64;
-        let promising =
-            energies.iter().take_while(|&&energy| LEARNED / self.lights as f64 * energy > least).count();
+        let start = Start::new(responses, self.lights);
         let widest = (most + OVERSAMPLING).min(rows);
-        let mut width = (3 * promising / 2 + OVERSAMPLING).min(widest);
+        let mut width = (3 * start.worth(least) / 2 + OVERSAMPLING).min(widest);
         loop {
-            let (vectors, gains) = subspace(expected, &self.start(responses, &turned, width), rows, width);
+            let (vectors, gains) = subspace(expected, &start.directions(rows, width), rows, width);
             let rank = most.min(width);
             if width == widest || gains[rank - 1] < least {
                 return (vectors[..rank * rows].to_vec(), gains[..rank].to_vec());
@@ -166,19 +165,49 @@ impl Block {
             width = (2 * width).min(widest);
         }
     }
+}
 
-    /// What a search of `width` directions starts from, `rows x width`: the strongest directions of the responses, whose
-    /// right singular vectors are `turned`, and where these are too few, evenly spaced rows.
-    fn start(&self, responses: &[f32], turned: &[f32], width: usize) -> Vec<f32> {
+/// What the search for directions starts from: the responses to some of the training lights, which are in no order.
+struct Start {
+    /// `rows x lights`.
+    responses: Vec<f32>,
+    lights: usize,
+    /// Right singular vectors of the responses, one after the other, the strongest first.
+    turned: Vec<f32>,
+    /// Their squared singular values.
+    energies: Vec<f64>,
+}
+
+impl Start {
+    /// `responses` are those to all `lights`.
+    fn new(responses: &[f32], lights: usize) -> Self {
+        let stride = lights.div_ceil(STARTING_LIGHTS).max(1);
+        let some: Vec<f32> = responses
+            .chunks_exact(lights.max(1))
+            .flat_map(|row| row.iter().step_by(stride).copied())
+            .collect();
+        let lights = lights.div_ceil(stride);
+        let view = View::new(&some, some.len() / lights.max(1), lights);
+        let (turned, energies) = eigenvectors(&product(view.transposed(), view), lights);
+        Self { responses: some, lights, turned, energies }
+    }
+
+    /// How many directions bring more than `least` under the lights alone.
+    fn worth(&self, least: f64) -> usize {
+        self.energies.iter().take_while(|&&energy| LEARNED / self.lights as f64 * energy > least).count()
+    }
+
+    /// `width` directions, `rows x width`: the strongest of the responses, and where these are too few, evenly spaced rows.
+    fn directions(&self, rows: usize, width: usize) -> Vec<f32> {
         let known = width.min(self.lights).div_ceil(2);
-        let turned = View::new(&turned[..known * self.lights], known, self.lights);
-        let strongest = product(self.view(responses), turned.transposed());
-        let mut start = vec![0.0; self.rows * width];
+        let turned = View::new(&self.turned[..known * self.lights], known, self.lights);
+        let strongest = product(View::new(&self.responses, rows, self.lights), turned.transposed());
+        let mut start = vec![0.0; rows * width];
         for (row, strongest) in start.chunks_exact_mut(width).zip(strongest.chunks_exact(known)) {
             row[..known].copy_from_slice(strongest);
         }
         for column in known..width {
-            start[((column - known) * self.rows / (width - known)) * width + column] = 1.0;
+            start[((column - known) * rows / (width - known)) * width + column] = 1.0;
         }
         start
     }

@@ -158,3 +158,31 @@ fn directions_without_coefficients_are_dropped() {
         matrix.apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[]), &mut [Vec3::ZERO]);
     }
 }
+
+/// More lights than the search starts from; its directions bring what the best do.
+#[test]
+fn a_search_that_starts_from_some_of_many_lights_finds_the_strongest_directions() {
+    const MOST: usize = 12;
+    let lights = 3 * STARTING_LIGHTS + 5;
+    let x: Vec<f32> = rows().chunks_exact(COUNT).flat_map(|row| coefficients(row.to_vec())).collect();
+    let block = Block { x, learned: columns_of(&lamps(0, lights as u32)), rows: ROWS, width: COUNT, lights };
+    let responses = block.responses();
+    assert!(Start::new(&responses, lights).lights < STARTING_LIGHTS);
+    let (_, gains) = block.strongest_directions(&responses, MOST, 0.0);
+    let own = View::new(&block.x, ROWS, COUNT);
+    let own = product(own, own.transposed());
+    let together = product(block.view(&responses), block.view(&responses).transposed());
+    let expected: Vec<f32> = own
+        .iter()
+        .zip(&together)
+        .map(|(own, together)| (1.0 - LEARNED) as f32 * own + (LEARNED / lights as f64) as f32 * together)
+        .collect();
+    let (_, energies) = eigenvectors(&expected, ROWS);
+    let (found, best) = (gains.iter().sum::<f64>(), energies[..MOST].iter().sum::<f64>());
+    assert!(found > 0.999 * best && found < 1.001 * best, "{found} of {best}");
+    let without_last = energies[..MOST - 1].iter().sum::<f64>();
+    assert!(
+        without_last < 0.999 * best,
+        "a direction that is missing must be noticed: {without_last} of {best}"
+    );
+}

@@ -31,7 +31,7 @@ pub use occluders::Occluders;
 pub use operator::{Encoding, Matrix, Operator};
 pub use preparation::{Preparation, Quality, RowMethod, Settings};
 
-use crate::sample::{GatherCloud, ViewSamples};
+use crate::sample::{GatherCloud, Receivers, ViewSamples};
 
 /// A prepared shot: all that relighting needs, and nothing of the scene file.
 #[derive(Clone, Debug)]
@@ -44,12 +44,14 @@ pub struct Transfer {
     pub view: ViewSamples,
     /// What can light it.
     pub cloud: GatherCloud,
-    /// `F_d`: from light on the cloud to the view samples. One row a lit pixel, in the order of `pixels`.
+    /// `F_d`: from light on the cloud to the receivers of the view samples, one row each.
     pub gather: Operator,
     /// From light on the cloud to the cloud itself; albedo is applied outside. One row a gather sample.
     pub bounce: Operator,
-    /// The pixel of each row of `gather`.
-    pub pixels: Buffer<u32>,
+    /// The row of `gather` that each of the view's centres takes its light from; [`Receivers::NONE`] where nothing reflects.
+    pub rows_of_centers: Buffer<u32>,
+    /// The same for the view's quads.
+    pub rows_of_quads: Buffer<u32>,
     /// What casts shadows.
     pub occluders: Occluders,
 }
@@ -67,7 +69,7 @@ pub struct Report {
     pub scene_hash: String,
     /// Triangles.
     pub triangles: u64,
-    /// Visibility and hemisphere rays of the final gather, a lit pixel.
+    /// Visibility and hemisphere rays of the final gather, a pixel whose centre reflects light.
     pub rays_per_pixel: f64,
     /// The same of the bounces, a gather sample.
     pub rays_per_gather_sample: f64,
@@ -90,5 +92,10 @@ impl Transfer {
     /// Bytes of both operators a pixel of the image.
     pub fn bytes_per_pixel(&self) -> f64 {
         (self.gather.bytes() + self.bounce.bytes()) as f64 / self.view.pixels().max(1) as f64
+    }
+
+    /// Pixels whose centre reflects light.
+    pub fn lit_pixels(&self) -> usize {
+        self.rows_of_centers.iter().filter(|&&row| row != Receivers::NONE).count()
     }
 }

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use glam::Vec3;
+use glam::Vec2;
 use xxhash_rust::xxh3::Xxh3;
 
 use super::compute::{self, Computed, Encoder, RowEstimator};
@@ -11,9 +11,9 @@ use super::low_rank::LowRankSettings;
 use super::paper_rows::{ClusterBounds, PaperRows};
 use super::prior::LightPrior;
 use super::rows::{RowSettings, RowSource};
-use super::{Encoding, Occluders, Operator, Report, Timings, Transfer, blocks, prior};
+use super::{Buffer, Encoding, Occluders, Operator, Report, Timings, Transfer, blocks, prior};
 use crate::progress::Progress;
-use crate::sample::{CellMap, CloudMethod, CloudSettings, GatherCloud, ViewSamples};
+use crate::sample::{CellMap, CloudMethod, CloudSettings, GatherCloud, QUAD, Receivers, ViewSamples};
 use crate::scene::{Camera, Geometry, Scene};
 use crate::trace::Accel;
 use crate::{Error, Result};
@@ -102,7 +102,6 @@ impl Quality {
         let rows = |hemisphere_rays, tile_rays, faint, spread| RowSettings {
             hemisphere_rays,
             tile_rays,
-            probes: 1,
             faint,
             tile: 64,
             spread,
@@ -114,28 +113,28 @@ impl Quality {
                 bounce_rows: rows(16, 512, 2e-3, 4.0),
                 gather_encoding: low_rank(64, 4096, 2e-6),
                 bounce_encoding: low_rank(64, 4096, 2e-6),
-                training_lights: 64,
+                training_lights: 128,
             },
             Self::Standard => Effort {
-                gather_rows: rows(64, 4096, 4e-4, 0.2),
+                gather_rows: rows(64, 2048, 8e-4, 0.07),
                 bounce_rows: rows(32, 1024, 1e-3, 2.0),
-                gather_encoding: low_rank(112, 8192, 2e-7),
-                bounce_encoding: low_rank(112, 8192, 2e-7),
-                training_lights: 192,
+                gather_encoding: low_rank(112, 8192, 1.5e-7),
+                bounce_encoding: low_rank(112, 8192, 1.5e-7),
+                training_lights: 384,
             },
             Self::Final => Effort {
-                gather_rows: rows(128, 8192, 5e-5, 0.1),
+                gather_rows: rows(128, 8192, 1e-4, 0.05),
                 bounce_rows: rows(64, 2048, 2e-4, 0.5),
                 gather_encoding: low_rank(160, 16_384, 4e-8),
                 bounce_encoding: low_rank(160, 16_384, 4e-8),
-                training_lights: 384,
+                training_lights: 576,
             },
         }
     }
 }
 
-/// Pixels that share a basis: fewer in small images, whose pixels lie farther apart and share less.
-fn pixel_block(pixels: usize) -> usize {
+/// Receivers that share a basis: fewer in small images, whose pixels lie farther apart and share less.
+fn receiver_block(pixels: usize) -> usize {
     match pixels {
         0..40_000 => 64,
         40_000..160_000 => 256,
@@ -204,10 +203,11 @@ impl<'a> Preparation<'a> {
         progress.stage("acceleration structure", 1);
         let accel = Accel::new(self.scene, &geometry);
         let shot = Shot { scene: self.scene, geometry: &geometry, accel: &accel, settings: &self.settings };
-        let (view, cloud, map) = shot.samples(&camera, &stages)?;
-        let (gather, bounce, pixels) = shot.operators(&view, &cloud, &map, &stages)?;
+        let (view, receivers, cloud, map) = shot.samples(&camera, &stages)?;
+        let (gather, bounce, owners) = shot.operators(&receivers, &cloud, &map, &stages)?;
         let settings = &self.settings;
-        let lit = pixels.len().max(1) as f64;
+        let lit = (receivers.points.len() - receivers.further.len()).max(1) as f64;
+        let rows = row_numbers(&owners);
         let report = Report {
             settings: settings.clone(),
             scene: self.name,
@@ -228,7 +228,8 @@ impl<'a> Preparation<'a> {
             cloud,
             gather: gather.operator,
             bounce: bounce.operator,
-            pixels: pixels.into(),
+            rows_of_centers: rows(&receivers.of_centers),
+            rows_of_quads: rows(&receivers.of_quads),
             occluders,
         })
     }
@@ -312,28 +313,30 @@ impl Shot<'_> {
         &self,
         camera: &Camera,
         progress: &dyn Progress,
-    ) -> Result<(ViewSamples, GatherCloud, CellMap)> {
+    ) -> Result<(ViewSamples, Receivers, GatherCloud, CellMap)> {
         let (width, height) = self.settings.size;
         let (view, hits) =
             ViewSamples::new(self.scene, self.geometry, self.accel, camera, (width, height), progress)?;
-        let seen: Vec<_> = hits
-            .iter()
-            .enumerate()
-            .map(|(pixel, hit)| {
-                let (x, y) = ((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
-                (*hit, camera.direction(x, y, width, height))
-            })
-            .collect();
+        let receivers = Receivers::new(&view, camera);
+        let look = |pixel: usize, offset: Vec2| {
+            let (x, y) = ((pixel % width) as f32 + offset.x, (pixel / width) as f32 + offset.y);
+            camera.direction(x, y, width, height)
+        };
+        let centers =
+            hits.centers.iter().enumerate().map(|(pixel, &hit)| (hit, look(pixel, Vec2::splat(0.5))));
+        let further = receivers.further.iter().map(|&quad| quad as usize);
+        let further = further.map(|quad| (hits.quads[quad], look(quad / 4, QUAD[quad % 4])));
+        let seen: Vec<_> = centers.chain(further).collect();
         let Settings { gather: count, cloud: method, seed, .. } = *self.settings;
         let settings = CloudSettings { count, method, seed };
         let (cloud, map) =
             GatherCloud::new(self.scene, self.geometry, self.accel, &seen, &settings, progress)?;
-        Ok((view, cloud, map))
+        Ok((view, receivers, cloud, map))
     }
 
     fn operators(
         &self,
-        view: &ViewSamples,
+        receivers: &Receivers,
         cloud: &GatherCloud,
         map: &CellMap,
         progress: &dyn Progress,
@@ -370,8 +373,10 @@ impl Shot<'_> {
         let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
         drop(lights);
         let encoder = encoder(effort.gather_encoding, prior.as_ref(), self.settings.coefficients);
-        progress.stage("blocks of pixels", 1);
-        let rows = blocks::of_pixels(view, pixel_block(view.pixels()), seed);
+        progress.stage("blocks of receivers", 1);
+        let (width, height) = self.settings.size;
+        let length = receiver_block(width * height);
+        let rows = blocks::of_receivers(&receivers.points, length, seed);
         progress.stage("final gather", rows.points.len() as u64);
         let gather = compute::compute(estimator(effort.gather_rows), encoder, count, &rows, progress)?;
         Ok((gather, bounce, rows.owners))
@@ -383,7 +388,7 @@ impl Shot<'_> {
         cloud: &GatherCloud,
         count: usize,
         progress: &dyn Progress,
-    ) -> Result<Vec<Vec<Vec3>>> {
+    ) -> Result<Vec<Vec<f32>>> {
         if self.settings.encoding != Encoding::LowRank {
             return Ok(Vec::new());
         }
@@ -394,7 +399,7 @@ impl Shot<'_> {
     fn prior(
         &self,
         cloud: &GatherCloud,
-        lights: &[Vec<Vec3>],
+        lights: &[Vec<f32>],
         bounce: Option<&Operator>,
         progress: &dyn Progress,
     ) -> Result<Option<LightPrior>> {
@@ -403,6 +408,21 @@ impl Shot<'_> {
         }
         progress.stage("light prior", lights.len() as u64);
         LightPrior::new(cloud, lights, bounce, progress).map(Some)
+    }
+}
+
+/// From receivers to the rows of which they are the `owners`.
+fn row_numbers(owners: &[u32]) -> impl Fn(&[u32]) -> Buffer<u32> {
+    let mut rows = vec![Receivers::NONE; owners.len()];
+    for (row, &receiver) in owners.iter().enumerate() {
+        rows[receiver as usize] = row as u32;
+    }
+    move |receivers: &[u32]| {
+        let row = |&receiver: &u32| match receiver {
+            Receivers::NONE => Receivers::NONE,
+            receiver => rows[receiver as usize],
+        };
+        receivers.iter().map(row).collect::<Vec<_>>().into()
     }
 }
 

@@ -63,13 +63,14 @@ fn training_light(cloud: &GatherCloud, accel: &Accel, diagonal: f32, seed: u32) 
     Light { name: String::new(), enabled: true, kind }
 }
 
-/// Light on the cloud from each of `lights`.
+/// Radiance on the cloud under each of `lights`, the mean of the channels. Under a white light the colour is the albedo's, but
+/// for cells of several colours that are lit in part.
 pub(super) fn train(
     cloud: &GatherCloud,
     accel: &Accel,
     lights: &[Light],
     progress: &dyn Progress,
-) -> Result<Vec<Vec<Vec3>>> {
+) -> Result<Vec<Vec<f32>>> {
     progress.stage("training lights", lights.len() as u64);
     lights
         .par_iter()
@@ -79,7 +80,7 @@ pub(super) fn train(
             }
             let radiance = illuminate(cloud, accel, light).radiance;
             progress.advance(1);
-            Ok(radiance)
+            Ok(radiance.iter().map(|rgb| rgb.element_sum() / 3.0).collect())
         })
         .collect()
 }
@@ -101,6 +102,8 @@ pub(super) struct LightPrior {
 
 /// One light in so many is held out: the last ones.
 const HELD_OUT: usize = 4;
+/// Most lights that are held out. Each costs a product with all rows.
+const MOST_HELD_OUT: usize = 48;
 
 /// How far a prior has learned.
 struct Lessons {
@@ -114,7 +117,7 @@ impl LightPrior {
     /// Learns from `lights` on the cloud, with their bounces where a bounce operator is given.
     pub(super) fn new(
         cloud: &GatherCloud,
-        lights: &[Vec<Vec3>],
+        lights: &[Vec<f32>],
         bounce: Option<&Operator>,
         progress: &dyn Progress,
     ) -> Result<Self> {
@@ -122,19 +125,22 @@ impl LightPrior {
         let albedo: Vec<Vec3> = cloud.samples.iter().map(|sample| sample.albedo).collect();
         let mut lessons = Lessons { grey: Vec::new(), variance: vec![0.0; count] };
         // light from everywhere: a closed room under an even sky, and what is left where no lamp shines on anything
-        lessons.add(&vec![Vec3::ONE; count], true);
+        lessons.learn(&vec![Vec3::ONE; count]);
         let mut held = Vec::new();
+        let first_held = lights.len() - lights.len().div_ceil(HELD_OUT).min(MOST_HELD_OUT);
+        let tints: Vec<Vec3> = albedo.iter().map(|rgb| *rgb * (3.0 / rgb.element_sum().max(1e-30))).collect();
         for (index, light) in lights.iter().enumerate() {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }
-            let bounced = bounce.map(|bounce| bounces::gather_bounces(bounce, &albedo, light, Some(4)).0);
-            let light = bounced.as_deref().unwrap_or(light);
-            if index >= lights.len() - lights.len().div_ceil(HELD_OUT) {
-                lessons.add(light, false);
-                held.extend(lessons.grey.pop());
+            let mut light: Vec<Vec3> = light.iter().zip(&tints).map(|(grey, tint)| *grey * *tint).collect();
+            if let Some(bounce) = bounce {
+                light = bounces::gather_bounces(bounce, &albedo, &light, Some(4)).0;
+            }
+            if index < first_held {
+                lessons.learn(&light);
             } else {
-                lessons.add(light, true);
+                held.extend(scaled(&light).map(|(_, grey)| grey));
             }
             progress.advance(1);
         }
@@ -151,23 +157,29 @@ impl LightPrior {
 }
 
 impl Lessons {
-    /// A light that meets nothing teaches nothing. One that is held out tells of itself, but adds nothing to the variance.
-    fn add(&mut self, light: &[Vec3], counts: bool) {
-        let coefficients = Coefficients::new(light, &[]);
-        let squares = |rgb: &[f32; 3]| rgb.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>();
-        let energy: f64 = coefficients.as_slice().iter().map(squares).sum();
-        if energy <= 0.0 {
-            return;
+    fn learn(&mut self, light: &[Vec3]) {
+        let Some((shares, grey)) = scaled(light) else { return };
+        for (variance, share) in self.variance.iter_mut().zip(shares) {
+            *variance += share;
         }
-        if counts {
-            for (variance, rgb) in self.variance.iter_mut().zip(coefficients.as_slice()) {
-                *variance += squares(rgb) / energy;
-            }
-        }
-        let scale = (light.len() as f64 / (3.0 * energy)).sqrt() as f32;
-        let grey = coefficients.as_slice().iter().map(|rgb| scale * rgb.iter().sum::<f32>());
-        self.grey.push(grey.collect());
+        self.grey.push(grey);
     }
+}
+
+/// The share of a light's energy in each coefficient, all channels, and its grey coefficients, scaled to the energy that all lights
+/// have. `None` for one that meets nothing: it teaches nothing.
+fn scaled(light: &[Vec3]) -> Option<(Vec<f64>, Vec<f32>)> {
+    let coefficients = Coefficients::new(light, &[]);
+    let squares = |rgb: &[f32; 3]| rgb.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>();
+    let mut shares: Vec<f64> = coefficients.as_slice().iter().map(squares).collect();
+    let energy: f64 = shares.iter().sum();
+    if energy <= 0.0 {
+        return None;
+    }
+    shares.iter_mut().for_each(|share| *share /= energy);
+    let scale = (light.len() as f64 / (3.0 * energy)).sqrt() as f32;
+    let grey = coefficients.as_slice().iter().map(|rgb| scale * rgb.iter().sum::<f32>());
+    Some((shares, grey.collect()))
 }
 
 /// `D` from the sum over lights of the squares of each coefficient.

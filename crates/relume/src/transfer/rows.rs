@@ -7,15 +7,16 @@
 //!   tile, weighted by what the others could have found there: with `G_p = cos_p cos_x / (pi r^2)`, a hit at `x` on a cell of
 //!   area `A` adds `G_p(x) / (n sum_q G_q(x)) w(x)` to the row of `p`, where `w = m sum_q G_q A / (m sum_q G_q A + 1)`. Sixteen
 //!   points with a hundred rays each gather as by sixteen hundred.
-//! - *Form factors.* Every cell's own, `f_p = G_p A`, adds `V f_p (1 - w)`, where `V` is the cell's visibility from the tile:
-//!   the mean of rays from random points of the tile to points spread over the cell.
+//! - *Form factors.* Every cell's own, `f_p = G_p A`, adds `V f_p (1 - w)`, where `V` is the cell's visibility from the tile: a ray
+//!   from a random point of the tile to a random point of the cell. Of a cluster of cells that matter little together, one is
+//!   chosen by its form factor and stands for all.
 //!
 //! With `m = n` this is the balance heuristic (Veach 1997, section 9.2.2) over the tile's strategies. Here `m` is smaller, as if
 //! the tile had sent [`BALANCE`] rays: any weights that add up to one are right on average, and form factors of cells that are
 //! small to the eye vary less than one random point a cell would. Near cells, whose form factor says little and would have to
 //! be clamped (Hasan 2006, section 4.3), are left to the hits, far and small ones to their form factors.
 //!
-//! Visibility is shared between points, hardly between cells. The converse, one ray from each point to a cluster of cells,
+//! Visibility is shared between points, not between cells. The converse, one ray from each point to a cluster of cells,
 //! gives what is visible of the cluster to all its cells alike, the hidden ones too. These are mostly hidden from the lights
 //! as well: every row has the right sum, and the image is too dark.
 
@@ -28,8 +29,8 @@ use crate::scene::Geometry;
 use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d, unit};
 use crate::trace::{Accel, Hit, Ray, offset_origin};
 
-/// Cells that share one ray where they matter little: siblings in the cluster tree.
-const FAMILY: usize = 4;
+/// Most cells that one of them may answer for: a power of four, a cluster of the tree.
+const FAINT_CLUSTER: usize = 64;
 /// Cells whose form factors are computed together: with those of a whole tile they stay in the second-level cache.
 const CHUNK: usize = 1024;
 /// Hemisphere rays that a tile counts as if it had sent, when hits are weighed against form factors. More leave more to the
@@ -37,6 +38,8 @@ const CHUNK: usize = 1024;
 const BALANCE: f32 = 320.0;
 /// Rays that measure how far away a point's surroundings are.
 const CLEARANCE_RAYS: u32 = 16;
+/// A form factor that does not count; quotients of smaller ones might not be finite.
+const NOTHING: f32 = 1e-30;
 /// Most points of a tile.
 pub(super) const TILE: usize = 64;
 
@@ -47,10 +50,8 @@ pub(super) struct RowSettings {
     pub(super) hemisphere_rays: usize,
     /// Points of small tiles send more, until the tile has this many.
     pub(super) tile_rays: usize,
-    /// Visibility rays a cell and tile. More leave less noise where cells are partly visible.
-    pub(super) probes: usize,
-    /// Cells whose form factors add up to less than this with their siblings', in the mean over the tile, share one ray with
-    /// these. Larger spends fewer rays and darkens a little what lies beside hidden cells.
+    /// Clusters of cells whose form factors add up to less than this, in the mean over the tile, are answered for by one of
+    /// their cells. Larger spends fewer rays and leaves more noise.
     pub(super) faint: f32,
     /// Points of a tile, at most [`TILE`]. More share more.
     pub(super) tile: usize,
@@ -105,13 +106,13 @@ pub(super) struct RowScratch {
     factors: Vec<f32>,
     /// Their sums over the tile, one a cell of the chunk.
     shares: Vec<f32>,
-    /// Visibility from the tile, one a cell of the chunk.
+    /// Visibility from the tile, one a cell of the chunk; more than one for a cell that stands for others.
     visible: Vec<f32>,
     rays: Vec<Ray>,
     blocked: Vec<bool>,
     hits: Vec<Hit>,
-    /// Which cells of the chunk a visibility ray speaks for: the first, and how many.
-    asked: Vec<(u32, u32)>,
+    /// Which cell of the chunk a visibility ray goes to, and what its form factor counts for if it is seen.
+    asked: Vec<(u32, f32)>,
 }
 
 /// The points of a tile, as structure of arrays.
@@ -210,40 +211,28 @@ impl RowSource<'_> {
         rays
     }
 
-    /// The visibility of the cells `first..first + width` from the tile.
+    /// The visibility of the cells `first..first + width` from the tile: one ray a cell, or one a cluster of cells that
+    /// matter little together.
     fn ask(&self, tile: &Tile<'_>, first: usize, width: usize, scratch: &mut RowScratch) -> u64 {
         scratch.rays.clear();
         scratch.asked.clear();
-        for family in (0..width).step_by(FAMILY) {
-            let shares = &scratch.shares[family..family + FAMILY];
-            let total: f32 = shares.iter().sum();
-            if total <= 0.0 {
-                continue;
-            }
-            let seed = hash((first + family) as u32, tile.points[0].seed);
-            if total < self.settings.faint * tile.points.len() as f32 {
-                let member = pick(shares, unit(hash(0, seed)) * total);
-                scratch.asked.push((family as u32, FAMILY as u32));
-                scratch.rays.push(self.probe(tile, (first, width), family + member, &scratch.factors, seed));
-                continue;
-            }
-            for cell in (family..family + FAMILY).filter(|&cell| scratch.shares[cell] > 0.0) {
-                for probe in 0..self.settings.probes as u32 {
-                    let seed = hash(probe + 1, seed ^ cell as u32);
-                    scratch.asked.push((cell as u32, 1));
-                    scratch.rays.push(self.probe(tile, (first, width), cell, &scratch.factors, seed));
-                }
-            }
+        let faint = self.settings.faint * tile.points.len() as f32;
+        let seed = hash(first as u32, tile.points[0].seed);
+        for cluster in (0..width).step_by(FAINT_CLUSTER) {
+            let count = FAINT_CLUSTER.min(width);
+            choose_speakers(&scratch.shares, (cluster, count), faint, seed, &mut scratch.asked);
+        }
+        for &(cell, _) in &scratch.asked {
+            let seed = hash(cell, hash(2, seed));
+            scratch.rays.push(self.probe(tile, (first, width), cell as usize, &scratch.factors, seed));
         }
         scratch.blocked.resize(scratch.rays.len(), false);
         self.accel.occluded_batch(&scratch.rays, &mut scratch.blocked);
         scratch.visible.clear();
         scratch.visible.resize(width, 0.0);
-        let share = 1.0 / self.settings.probes as f32;
         let asked = scratch.asked.iter().zip(&scratch.blocked);
-        for (&(cell, cells), _) in asked.filter(|&(_, &hidden)| !hidden) {
-            let each = if cells == 1 { share } else { 1.0 };
-            scratch.visible[cell as usize..(cell + cells) as usize].iter_mut().for_each(|v| *v += each);
+        for (&(cell, weight), _) in asked.filter(|&(_, &hidden)| !hidden) {
+            scratch.visible[cell as usize] = weight;
         }
         scratch.rays.len() as u64
     }
@@ -354,6 +343,30 @@ fn add_balanced(row: &mut [f32], factors: &[f32], shares: &[f32], visible: &[f32
     }
 }
 
+/// Chooses which of the `count` cells from `first` on, a cluster of the tree, are asked for, and what the form factor of each then
+/// counts for: every cell by itself, or one for all of a cluster whose form factors (`shares`) add up to less than `faint`.
+fn choose_speakers(
+    shares: &[f32],
+    (first, count): (usize, usize),
+    faint: f32,
+    seed: u32,
+    chosen: &mut Vec<(u32, f32)>,
+) {
+    let cluster = &shares[first..first + count];
+    let total: f32 = cluster.iter().sum();
+    if total < NOTHING {
+        return;
+    }
+    if count > 1 && total >= faint {
+        for child in 0..4 {
+            choose_speakers(shares, (first + child * count / 4, count / 4), faint, seed, chosen);
+        }
+        return;
+    }
+    let picked = pick(cluster, unit(hash((first + count) as u32, seed)) * total);
+    chosen.push(((first + picked) as u32, total / cluster[picked].max(NOTHING)));
+}
+
 /// The entry in which the running sum of `weights` passes `at`; never one of weight zero unless all are.
 fn pick(weights: &[f32], at: f32) -> usize {
     let (mut sum, mut last) = (0.0, 0);
@@ -386,6 +399,56 @@ mod tests {
         assert!(!GatherPoint { geometric_normal: tilted, ..beside }.is_like(&HEAD, 0.1));
         let step = GatherPoint { position: Vec3::new(0.09, 0.03, 0.0), ..HEAD };
         assert!(!step.is_like(&HEAD, 0.1), "another plane");
+    }
+
+    /// What the cells of a cluster count for in the mean over many draws, of those of which `sees` says so.
+    fn mean_visibility(shares: &[f32], faint: f32, sees: impl Fn(usize) -> bool) -> (Vec<f32>, usize) {
+        const DRAWS: u32 = 20_000;
+        let (mut sums, mut asked) = (vec![0.0; shares.len()], 0);
+        for seed in 0..DRAWS {
+            let mut chosen = Vec::new();
+            choose_speakers(shares, (0, shares.len()), faint, hash(seed, 5), &mut chosen);
+            asked += chosen.len();
+            for (cell, weight) in chosen.into_iter().filter(|&(cell, _)| sees(cell as usize)) {
+                sums[cell as usize] += weight / DRAWS as f32;
+            }
+        }
+        (sums, asked / DRAWS as usize)
+    }
+
+    #[test]
+    fn one_cell_answers_for_a_faint_cluster_and_every_cell_keeps_its_own_visibility() {
+        let shares: Vec<f32> = (0..64).map(|cell| 1.0 + unit(hash(cell, 1))).collect();
+        let total: f32 = shares.iter().sum();
+        let hidden = |cell: usize| cell % 4 < 2;
+        for (faint, rays) in [(2.0 * total, 1), (0.5 * total, 4), (0.1 * total, 16), (0.0, 64)] {
+            let (seen, asked) = mean_visibility(&shares, faint, |cell| !hidden(cell));
+            assert_eq!(asked, rays);
+            for (cell, &visibility) in seen.iter().enumerate() {
+                if hidden(cell) {
+                    assert!(
+                        visibility == 0.0,
+                        "{cell} is hidden, and would not be if the answer were shared"
+                    );
+                } else {
+                    assert!((visibility - 1.0).abs() < 0.25, "{faint}: {visibility} of cell {cell}");
+                }
+            }
+            let sum: f32 = seen.iter().zip(&shares).map(|(seen, share)| seen * share).sum();
+            let truth: f32 =
+                shares.iter().enumerate().filter(|(cell, _)| !hidden(*cell)).map(|(_, s)| s).sum();
+            assert!((sum / truth - 1.0).abs() < 0.02, "{faint}: {sum} of {truth}");
+        }
+    }
+
+    #[test]
+    fn cells_that_are_next_to_nothing_weigh_no_more_than_a_number_can() {
+        let mut chosen = Vec::new();
+        choose_speakers(&[1e-44, 0.0, 1e-3, 0.0], (0, 4), 1.0, 0, &mut chosen);
+        assert!(chosen.len() == 1 && chosen[0].1.is_finite());
+        chosen.clear();
+        choose_speakers(&[1e-40, 1e-44, 0.0, 0.0], (0, 4), 1.0, 0, &mut chosen);
+        assert!(chosen.is_empty(), "{chosen:?}");
     }
 
     #[test]

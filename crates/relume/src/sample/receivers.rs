@@ -1,0 +1,163 @@
+//! Receivers: the points at which indirect light is gathered for the view samples.
+//!
+//! Indirect light changes slowly over a surface, so that the four samples of a pixel may share what its centre receives
+//! (Hasan 2006, section 3.6). Where even the most similar centre of the 3x3 pixels around is not similar (an edge, a leaf, a fold),
+//! a pixel has further receivers. Normals change within a pixel too: a normal map has texels of its own. Irradiance is nearly linear in the
+//! normal, so that a receiver with the mean normal of its samples receives nearly the mean of what these do.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{ViewSample, ViewSamples};
+use crate::scene::Camera;
+
+/// A point that receives light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Receiver {
+    /// Metres, world space.
+    pub position: Vec3,
+    /// For the cosine: the mean over the samples that take their light here, weighted by what they reflect.
+    pub shading_normal: Vec3,
+    /// For the horizon.
+    pub geometric_normal: Vec3,
+}
+
+/// The receivers of a picture, and which of them each view sample takes its light from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Receivers {
+    /// First one for every pixel whose centre is lit, row by row, then the further ones.
+    pub points: Vec<Receiver>,
+    /// The receiver of each of [`ViewSamples::centers`]; [`Receivers::NONE`] where nothing reflects.
+    pub of_centers: Vec<u32>,
+    /// The same for [`ViewSamples::quads`].
+    pub of_quads: Vec<u32>,
+    /// The quad that each of the further receivers lies on.
+    pub further: Vec<u32>,
+}
+
+/// Least cosine between the geometric normals of a sample and of its receiver.
+const SAME_FACE: f32 = 0.8;
+/// Least cosine between their shading normals: the mean of normals that differ more says little about any of them.
+const SAME_NORMAL: f32 = 0.9;
+/// Farthest that one may lie off the other's plane, in pixels at that distance.
+const SAME_PLANE: f32 = 1.0;
+
+/// Where one sample takes its light from.
+#[derive(Clone, Copy)]
+enum Source {
+    Nothing,
+    /// The centre of a pixel.
+    Center(u32),
+    /// A further receiver, by its number in the row of pixels.
+    Further(u32),
+}
+
+impl Receiver {
+    fn of(sample: &ViewSample) -> Self {
+        Self {
+            position: sample.position,
+            shading_normal: sample.shading_normal.get(),
+            geometric_normal: sample.geometric_normal.get(),
+        }
+    }
+}
+
+impl Receivers {
+    /// In place of a receiver where nothing reflects.
+    pub const NONE: u32 = u32::MAX;
+
+    /// Places receivers for what `camera` sees.
+    pub fn new(view: &ViewSamples, camera: &Camera) -> Self {
+        let middle = |x: f32| camera.direction(x, 0.5 * view.height as f32, view.width, view.height);
+        let half = 0.5 * view.width as f32;
+        let pixel = middle(half).distance(middle(half + 1.0));
+        let rows: Vec<(Vec<Source>, Vec<u32>)> =
+            (0..view.height).into_par_iter().map(|row| sources(view, row, pixel)).collect();
+        let mut points = Vec::with_capacity(view.pixels());
+        let of_centers: Vec<u32> = view
+            .centers
+            .iter()
+            .map(|center| {
+                if !center.is_lit() {
+                    return Self::NONE;
+                }
+                points.push(Receiver::of(center));
+                points.len() as u32 - 1
+            })
+            .collect();
+        let mut of_quads = Vec::with_capacity(view.quads.len());
+        let mut further = Vec::new();
+        for (sources, quads) in rows {
+            let first = points.len() as u32;
+            points.extend(quads.iter().map(|&quad| Receiver::of(&view.quads[quad as usize])));
+            further.extend(quads);
+            of_quads.extend(sources.iter().map(|source| match *source {
+                Source::Nothing => Self::NONE,
+                Source::Center(pixel) => of_centers[pixel as usize],
+                Source::Further(number) => first + number,
+            }));
+        }
+        average_normals(&mut points, view, &of_quads);
+        Self { points, of_centers, of_quads, further }
+    }
+}
+
+/// Where the samples of a row of pixels take their light from, and the quads that are further receivers.
+fn sources(view: &ViewSamples, row: usize, pixel: f32) -> (Vec<Source>, Vec<u32>) {
+    let mut further: Vec<u32> = Vec::new();
+    let mut sources = Vec::with_capacity(4 * view.width);
+    for column in 0..view.width {
+        let first = further.len();
+        for quad in 0..4 {
+            let index = 4 * (row * view.width + column) + quad;
+            let sample = &view.quads[index];
+            if !sample.is_lit() || sample.diffuse.get() == Vec3::ZERO {
+                sources.push(Source::Nothing);
+                continue;
+            }
+            let nearest = view.nearest_center(sample, row, column);
+            if let Some(nearest) = nearest
+                .filter(|&nearest| serves(&Receiver::of(&view.centers[nearest as usize]), sample, pixel))
+            {
+                sources.push(Source::Center(nearest));
+                continue;
+            }
+            let own = further[first..]
+                .iter()
+                .position(|&quad| serves(&Receiver::of(&view.quads[quad as usize]), sample, pixel));
+            let number = own.map_or(further.len(), |own| first + own);
+            if own.is_none() {
+                further.push(index as u32);
+            }
+            sources.push(Source::Further(number as u32));
+        }
+    }
+    (sources, further)
+}
+
+/// Whether `sample` lies in the plane of `receiver` and faces as it does. `pixel` is the angle of a pixel.
+fn serves(receiver: &Receiver, sample: &ViewSample, pixel: f32) -> bool {
+    let (geometric, shading) = (sample.geometric_normal.get(), sample.shading_normal.get());
+    let apart = sample.position - receiver.position;
+    let off_plane = apart.dot(geometric).abs().max(apart.dot(receiver.geometric_normal).abs());
+    receiver.geometric_normal.dot(geometric) > SAME_FACE
+        && receiver.shading_normal.dot(shading) > SAME_NORMAL
+        && off_plane < SAME_PLANE * pixel * sample.depth
+}
+
+/// Gives every receiver the mean shading normal of the samples it serves, weighted by what these reflect.
+fn average_normals(points: &mut [Receiver], view: &ViewSamples, of_quads: &[u32]) {
+    let mut sums = vec![(Vec3::ZERO, 0.0_f32); points.len()];
+    for (sample, &receiver) in view.quads.iter().zip(of_quads) {
+        if let Some((normals, weights)) = sums.get_mut(receiver as usize) {
+            let weight = sample.diffuse.get().element_sum();
+            *normals += sample.shading_normal.get() * weight;
+            *weights += weight;
+        }
+    }
+    for (point, (normals, weights)) in points.iter_mut().zip(sums) {
+        if weights > 0.0 {
+            point.shading_normal = normals.normalize_or(point.shading_normal);
+        }
+    }
+}

@@ -6,7 +6,7 @@ use relume::glam::{DVec3, Vec3};
 use relume::image::{Image, Layers};
 use relume::relight::RelightSettings;
 use relume::sample::Receivers;
-use relume::transfer::{Quality, Settings};
+use relume::transfer::{Encoding, Quality, Settings};
 use relume::{LightRig, Preparation, Relighter, Transfer};
 
 use crate::scenes::TestScene;
@@ -14,6 +14,18 @@ use crate::scenes::TestScene;
 /// A draft of 32x24 pixels and 1024 gather samples: what is enough where only sameness is asked for.
 pub fn tiny() -> Settings {
     Settings { size: (32, 24), gather: 1024, quality: Quality::Draft, ..Settings::default() }
+}
+
+/// Rows as they are, in 8 bits, over 4096 gather samples: what is off is the estimate.
+pub fn uncompressed(size: (usize, usize)) -> Settings {
+    Settings {
+        size,
+        gather: 4096,
+        quality: Quality::Standard,
+        encoding: Encoding::HaarRows,
+        coefficients: 4096,
+        ..Settings::default()
+    }
 }
 
 /// Prepares a scene.

@@ -52,10 +52,11 @@ fn threads_change_no_byte() {
 
 #[test]
 fn another_seed_gives_other_bytes_of_like_length() {
-    let settings = |seed| Settings { seed, ..tiny() };
+    // enough blocks that what single ones are worth, which noise sways, evens out
+    let settings = |seed| Settings { seed, size: (96, 72), gather: 4096, ..tiny() };
     let [a, b] = [0, 1].map(|seed| outcome(2, settings(seed)));
     assert!(a.0 != b.0 && a.1 != b.1);
     let ratio = a.0.len() as f64 / b.0.len() as f64;
-    // blocks take as many bytes as they are worth, and rows are noisy: measured 0.986
-    assert!((ratio - 1.0).abs() < 0.05, "{ratio}");
+    println!("the lengths are as {ratio} to 1");
+    assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
 }

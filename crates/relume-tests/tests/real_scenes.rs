@@ -53,7 +53,7 @@ fn cornell_box_agrees_with_the_path_tracer() {
 
 /// Measured 0.016: the lamp's light on what the camera sees.
 const CORNELL_DIRECT: f64 = 0.025;
-/// Measured 0.087, 0.081 and 0.078 at 1, 2 and 4 bounces; the encoding expects 0.023 of it, the rest is a draft's rows.
+/// Measured 0.087, 0.081 and 0.078 at 1, 2 and 4 bounces; most of it is a draft's rows.
 const CORNELL_INDIRECT: f64 = 0.13;
 
 /// Measured 0.008 too dark, though a draft's 4096 cells are two square metres each.

@@ -5,10 +5,9 @@ use std::sync::Arc;
 use relume::glam::Vec3;
 use relume::image::metrics::relative_l2;
 use relume::relight::{Only, RelightSettings};
-use relume::trace::sampling::{hash, unit};
 use relume::transfer::{Encoding, Quality, Settings};
 use relume::{LightKind, LightRig, Transfer};
-use relume_tests::prepared::{prepare, relight_afresh};
+use relume_tests::prepared::{prepare, relight_afresh, uncompressed};
 use relume_tests::scenes::{TestScene, box_room, omni, rig, spot};
 use relume_tests::truth::{Truths, median_and_worst, trace, unbiased_relative_l2};
 
@@ -26,37 +25,6 @@ fn lights() -> Vec<LightKind> {
     ]
 }
 
-/// Lights such as the told error is about, the median over lights at random: as many spots of 6 to 48 degrees as omnis, in the upper
-/// half of the room. The five above are mostly omnis, of which less is lost.
-fn varied_lights() -> Vec<LightKind> {
-    let random = |index, axis| unit(hash(axis, hash(index, 12)));
-    let place = |index| {
-        Vec3::new(0.2, 1.7, 0.2)
-            + Vec3::new(3.6, 1.1, 4.6) * Vec3::from_array([0, 1, 2].map(|axis| random(index, axis)))
-    };
-    let aim = |index| Vec3::new(4.0, 3.0, 5.0) * Vec3::from_array([3, 4, 5].map(|axis| random(index, axis)));
-    let light = |index: u32| {
-        let outer = 6.0 * 8.0_f32.powf(random(index, 6));
-        match index % 2 {
-            0 => spot(place(index), aim(index), Vec3::splat(10.0), (0.6 * outer, outer)),
-            _ => omni(place(index), Vec3::splat(10.0), 0.0),
-        }
-    };
-    (0..24).map(light).collect()
-}
-
-/// Rows as they are, in 8 bits: what is off is the estimate.
-fn uncompressed() -> Settings {
-    Settings {
-        size: SIZE,
-        gather: 4096,
-        quality: Quality::Standard,
-        encoding: Encoding::HaarRows,
-        coefficients: 4096,
-        ..Settings::default()
-    }
-}
-
 struct Shot {
     transfer: Arc<Transfer>,
     truths: Vec<(LightRig, Truths)>,
@@ -72,7 +40,7 @@ impl Shot {
             (lights, truths)
         };
         Self {
-            transfer: Arc::new(prepare(built, uncompressed())),
+            transfer: Arc::new(prepare(built, uncompressed(SIZE))),
             truths: lights().into_iter().enumerate().map(truth).collect(),
         }
     }
@@ -116,7 +84,7 @@ fn indirect_light_agrees_with_the_path_tracer() {
     let few = shot.errors(&shot.transfer, 1, |light| light);
     let more = shot.errors(&shot.transfer, 2, |light| light);
     assert!(is_true(&few) && is_true(&more));
-    let low_rank = Settings { encoding: Encoding::LowRank, ..uncompressed() };
+    let low_rank = Settings { encoding: Encoding::LowRank, ..uncompressed(SIZE) };
     let low_rank = Arc::new(prepare(&built, low_rank));
     for bounces in BOUNCES {
         let errors = shot.errors(&low_rank, bounces, |light| light);
@@ -126,7 +94,7 @@ fn indirect_light_agrees_with_the_path_tracer() {
     // what the cache says of its encoding is neither flattery nor fear
     let told = low_rank.report.gather_error;
     let settings = RelightSettings { bounces: Some(1), aa: 1, only: Only::Indirect, per_light: false };
-    let lost = varied_lights().into_iter().map(|light| {
+    let lost = lights().into_iter().map(|light| {
         let lights = rig([light]);
         let [exact, encoded] =
             [&shot.transfer, &low_rank].map(|t| relight_afresh(t, &lights, &settings).indirect);

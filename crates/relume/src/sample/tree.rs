@@ -76,7 +76,7 @@ fn mean(keys: &[Key], part: &[u32]) -> [f64; AXES] {
     sum.map(|sum| sum / part.len() as f64)
 }
 
-/// Parts the samples into two equal halves, each as alike as possible.
+/// Parts the samples into the first `middle` and the others, each as alike as possible.
 fn halve(keys: &[Key], part: &mut [u32], middle: usize) {
     let mut axis = widest_axis(keys, part);
     let mut scored: Vec<(f32, u32)> = Vec::with_capacity(part.len());

@@ -36,8 +36,8 @@ pub struct Operator {
     pub matrix: Matrix,
     /// `D^-1`, one a coefficient; empty where the encoding uses no prior.
     pub weights: Buffer<f32>,
-    /// Expected relative error of the encoding alone: of `low-rank` the median over lights like those it learned from, which
-    /// were held out; of `haar-rows` that of the matrix.
+    /// Expected relative error of the encoding alone: of `low-rank` over lights like those it learned from, which were
+    /// held out; of `haar-rows` that of the matrix.
     pub expected_error: f64,
 }
 

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use crate::sample::{GatherCloud, GatherSample, Receiver, cluster_order};
 use crate::trace::sampling::hash;
-use crate::transfer::rows::{GatherPoint, TILE};
+use crate::transfer::tiles::{GatherPoint, TILE};
 
 /// Rows in block order: points, the length of each block, and what each row stands for.
 pub(super) struct Blocks {

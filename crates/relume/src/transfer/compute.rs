@@ -10,7 +10,8 @@ use super::low_rank::{LowRank, LowRankSettings};
 use super::low_rank_encoder;
 use super::paper_rows::PaperRows;
 use super::prior::LightPrior;
-use super::rows::{GatherPoint, RowScratch, RowSource};
+use super::rows::{RowScratch, RowSource};
+use super::tiles::GatherPoint;
 use super::{Matrix, Operator, haar};
 use crate::progress::Progress;
 use crate::{Error, Result};
@@ -107,12 +108,7 @@ impl Workplace {
         self.rows.clear();
         self.rows.resize(points.len() * count, 0.0);
         match estimator {
-            RowEstimator::Balanced(source) => {
-                let (tiles, rays) = source.tiles(points, &mut self.scratch);
-                let mut of_tile =
-                    |tile: &Vec<u32>| source.tile(points, tile, &mut self.rows, &mut self.scratch);
-                rays + tiles.iter().map(&mut of_tile).sum::<u64>()
-            }
+            RowEstimator::Balanced(source) => source.block(points, &mut self.rows, &mut self.scratch),
             RowEstimator::Paper(source) => points
                 .iter()
                 .zip(self.rows.chunks_exact_mut(count))

@@ -10,6 +10,7 @@ mod buffer;
 mod cache;
 mod coefficients;
 mod compute;
+mod faint;
 mod form_factors;
 mod gemm;
 pub mod haar;
@@ -22,6 +23,7 @@ mod paper_rows;
 mod preparation;
 mod prior;
 mod rows;
+mod tiles;
 
 pub use bounces::BounceSeries;
 pub use buffer::Buffer;

@@ -5,7 +5,7 @@
 
 use glam::Vec3;
 
-use super::rows::GatherPoint;
+use super::tiles::GatherPoint;
 use crate::sample::GatherCloud;
 use crate::trace::sampling::{hash, unit};
 use crate::trace::{Accel, Ray, offset_origin};

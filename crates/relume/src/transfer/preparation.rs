@@ -11,6 +11,7 @@ use super::low_rank::LowRankSettings;
 use super::paper_rows::{ClusterBounds, PaperRows};
 use super::prior::LightPrior;
 use super::rows::{RowSettings, RowSource};
+use super::tiles::Spread;
 use super::{Buffer, Encoding, Occluders, Operator, Report, Timings, Transfer, blocks, prior};
 use crate::progress::Progress;
 use crate::sample::{CellMap, CloudMethod, CloudSettings, GatherCloud, QUAD, Receivers, ViewSamples};
@@ -99,32 +100,31 @@ const PAPER_BOUNCE_SHARE: f64 = 0.4;
 
 impl Quality {
     fn effort(self) -> Effort {
-        let rows = |hemisphere_rays, tile_rays, faint, spread| RowSettings {
+        let rows = |hemisphere_rays, tile_rays, faint, (tile, tent)| RowSettings {
             hemisphere_rays,
             tile_rays,
             faint,
-            tile: 64,
-            spread,
+            spread: Spread { tile, tent },
         };
         let low_rank = |rank, kept, price| LowRankSettings { rank, kept, price };
         match self {
             Self::Draft => Effort {
-                gather_rows: rows(16, 1024, 1e-3, 0.4),
-                bounce_rows: rows(16, 512, 2e-3, 4.0),
+                gather_rows: rows(16, 512, 4e-3, (0.1, 0.25)),
+                bounce_rows: rows(16, 256, 8e-3, (0.6, 1.0)),
                 gather_encoding: low_rank(64, 4096, 2e-6),
                 bounce_encoding: low_rank(64, 4096, 2e-6),
                 training_lights: 128,
             },
             Self::Standard => Effort {
-                gather_rows: rows(64, 2048, 8e-4, 0.07),
-                bounce_rows: rows(32, 1024, 1e-3, 2.0),
+                gather_rows: rows(64, 768, 1.6e-3, (0.035, 0.08)),
+                bounce_rows: rows(32, 512, 3e-3, (0.3, 0.55)),
                 gather_encoding: low_rank(112, 8192, 1.5e-7),
                 bounce_encoding: low_rank(112, 8192, 1.5e-7),
                 training_lights: 384,
             },
             Self::Final => Effort {
-                gather_rows: rows(128, 8192, 1e-4, 0.05),
-                bounce_rows: rows(64, 2048, 2e-4, 0.5),
+                gather_rows: rows(128, 2048, 2e-4, (0.02, 0.05)),
+                bounce_rows: rows(64, 1024, 6e-4, (0.15, 0.3)),
                 gather_encoding: low_rank(160, 16_384, 4e-8),
                 bounce_encoding: low_rank(160, 16_384, 4e-8),
                 training_lights: 576,

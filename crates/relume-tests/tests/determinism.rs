@@ -52,11 +52,17 @@ fn threads_change_no_byte() {
 
 #[test]
 fn another_seed_gives_other_bytes_of_like_length() {
-    // enough blocks that what single ones are worth, which noise sways, evens out
+    // what single blocks are worth is swayed by noise: lengths vary by 0.8% from seed to seed, which evens out over three
     let settings = |seed| Settings { seed, size: (96, 72), gather: 4096, ..tiny() };
-    let [a, b] = [0, 1].map(|seed| outcome(2, settings(seed)));
-    assert!(a.0 != b.0 && a.1 != b.1);
-    let ratio = a.0.len() as f64 / b.0.len() as f64;
+    let all: Vec<_> = (0..6).map(|seed| outcome(2, settings(seed))).collect();
+    for (earlier, a) in all.iter().enumerate() {
+        assert!(all[earlier + 1..].iter().all(|b| a.0 != b.0 && a.1 != b.1));
+    }
+    let length = |seeds: &[(Vec<u8>, Vec<Vec3>)]| seeds.iter().map(|seed| seed.0.len() as f64).sum::<f64>();
+    let ratio = length(&all[..3]) / length(&all[3..]);
     println!("the lengths are as {ratio} to 1");
     assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+    let lengths = all.iter().map(|seed| seed.0.len());
+    let (shortest, longest) = (lengths.clone().min().unwrap_or(0), lengths.max().unwrap_or(0));
+    assert!(longest as f64 / (shortest as f64) < 1.03, "{shortest} to {longest} bytes");
 }

@@ -39,8 +39,8 @@ pub(crate) struct Arguments {
     /// Lights to make for each scene.
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub(crate) lights: u32,
-    /// Take each rig (.toml) of this folder as one case, instead of making lights.
-    #[arg(long, value_name = "DIR")]
+    /// Take each rig (.toml) of this folder as one case, or this one, instead of making lights.
+    #[arg(long, value_name = "DIR|RIG.toml")]
     pub(crate) rigs: Option<PathBuf>,
     /// Seed of the lights and of the preparation.
     #[arg(long, value_name = "N", default_value_t = 0)]

@@ -1,7 +1,7 @@
 //! The light cases of a measurement: made by a seeded generator, or read from rigs.
 
 use std::f32::consts::{PI, TAU};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use relume::glam::Vec3;
 use relume::image::Layers;
@@ -89,11 +89,21 @@ pub(crate) fn made(shot: &mut Shot, count: u32, seed: u32, size: (usize, usize))
     Ok(with_emission(shot, cases))
 }
 
-/// The rigs in `folder` by the names of their files, and what surfaces of `shot` emit.
+/// The rigs in `folder`, or the one it is, by the names of their files, and what surfaces of `shot` emit.
 ///
 /// # Errors
 /// Where there is no such folder, no rig in it, or one that cannot be used.
 pub(crate) fn from_rigs(shot: &Shot, folder: &Path) -> Result<Vec<Case>> {
+    let paths = if folder.is_file() { vec![folder.to_owned()] } else { rigs_in(folder)? };
+    let read = |path: &PathBuf| {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(Case { name, rig: load_rig(path)?, emission: false })
+    };
+    let cases = paths.iter().map(read).collect::<Result<Vec<_>>>()?;
+    Ok(with_emission(shot, cases))
+}
+
+fn rigs_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = folder.read_dir().map_err(|_| no_folder(folder, "--rigs"))?;
     let paths = entries.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<_>>>();
     let mut paths = paths.map_err(|error| Error::io(folder, "read", error))?;
@@ -102,12 +112,7 @@ pub(crate) fn from_rigs(shot: &Shot, folder: &Path) -> Result<Vec<Case>> {
     if paths.is_empty() {
         return Err(Error::file(folder, "holds no rig; put .toml files there or name another folder"));
     }
-    let read = |path: &std::path::PathBuf| {
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Case { name, rig: load_rig(path)?, emission: false })
-    };
-    let cases = paths.iter().map(read).collect::<Result<Vec<_>>>()?;
-    Ok(with_emission(shot, cases))
+    Ok(paths)
 }
 
 fn with_emission(shot: &Shot, cases: impl IntoIterator<Item = Case>) -> Vec<Case> {
@@ -305,6 +310,7 @@ mod tests {
         let cases = from_rigs(&shot, folder.path()).unwrap();
         assert_eq!(cases.iter().map(|case| case.name.as_str()).collect::<Vec<_>>(), ["a", "b"]);
         assert_eq!(cases[0].rig, rig);
+        assert_eq!(from_rigs(&shot, &folder.path().join("b.toml")).unwrap(), cases[1..]);
         assert!(from_rigs(&shot, &folder.path().join("none")).unwrap_err().to_string().contains("--rigs"));
     }
 }

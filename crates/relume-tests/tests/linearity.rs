@@ -127,6 +127,29 @@ fn disabled_and_black_lights_add_and_cost_nothing() {
     assert!(!same(&relight_afresh(&transfer, &lights(), &settings), &expected));
 }
 
+#[test]
+fn a_light_that_was_off_comes_back_for_nothing() {
+    let (transfer, on, settings) = (shot(), lights(), RelightSettings::default());
+    let mut disabled = lights();
+    disabled.lights[1].enabled = false;
+    let mut black = lights();
+    black.lights[2] = black.lights[2].with_color(Vec3::ZERO);
+    let mut relighter = Relighter::new(Arc::clone(&transfer));
+    let expected = relighter.relight(&on, &settings).unwrap();
+    for rig in [disabled, black, on.clone()] {
+        let layers = relighter.relight(&rig, &settings).unwrap();
+        assert_eq!((relighter.stats().relit, relighter.stats().shadow_rays), (0, 0));
+        assert!(same(&layers, &relight_afresh(&transfer, &rig, &settings)));
+    }
+    assert!(same(&relighter.relight(&on, &settings).unwrap(), &expected));
+    // one that is taken out is forgotten
+    let mut without = lights();
+    without.lights.remove(1);
+    relighter.relight(&without, &settings).unwrap();
+    relighter.relight(&on, &settings).unwrap();
+    assert_eq!(relighter.stats().relit, 1);
+}
+
 fn room_with_a_lamp() -> TestScene {
     let mut builder = SceneBuilder::new();
     let wall = builder.material(lambertian(Vec3::splat(0.6)));

@@ -97,7 +97,10 @@ pub struct Relighter {
     accel: Accel,
     bounces: BounceSeries,
     edges: Vec<bool>,
+    /// What the lights of the last frame did.
     kept: Vec<Kept>,
+    /// The same of lights that were off or black in it.
+    dark: Vec<Kept>,
     emission: Option<(RelightSettings, Lit)>,
     stats: FrameStats,
 }
@@ -113,6 +116,7 @@ impl Relighter {
             bounces: BounceSeries::new(&transfer.bounce, &albedo),
             edges: edge_pixels(&transfer.view),
             kept: Vec::new(),
+            dark: Vec::new(),
             emission: None,
             stats: FrameStats::default(),
             transfer,
@@ -137,6 +141,7 @@ impl Relighter {
     /// Forgets what earlier frames computed.
     pub fn forget(&mut self) {
         self.kept.clear();
+        self.dark.clear();
         self.emission = None;
     }
 
@@ -168,6 +173,7 @@ impl Relighter {
             rig.lights.iter().filter(|light| light.enabled && light.color() != Vec3::ZERO).collect();
         progress.stage("relighting", shining.len() as u64);
         let mut before = std::mem::take(&mut self.kept);
+        before.append(&mut self.dark);
         for light in &shining {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
@@ -182,6 +188,12 @@ impl Relighter {
             self.kept.push(Kept { light: (*light).clone(), settings: *settings, lit });
             progress.advance(1);
         }
+        // a light that is off or black keeps what it did, and comes back for nothing
+        self.dark = before
+            .into_iter()
+            .filter(|kept| kept.settings.same_light(settings))
+            .filter(|kept| rig.lights.iter().any(|light| kept.light.same_but_for_color(light)))
+            .collect();
         self.light_emission(settings);
         let sum_began = Instant::now();
         let mut layers = self.sum(settings);

@@ -60,24 +60,34 @@ impl AlphaMasks {
         for (triangle, &material_id) in geometry.materials.iter().enumerate() {
             let material = &scene.materials[material_id as usize];
             let AlphaMode::Mask { cutoff } = material.alpha_mode else { continue };
-            let Some(texture_ref) = material.base_color_texture else { continue };
+            let texture_ref = material.base_color_texture;
+            if texture_ref.is_none() && material.base_color.w >= cutoff {
+                continue;
+            }
             let mask_id = *mask_of_material.entry(material_id).or_insert_with(|| {
-                let texture = &scene.textures[texture_ref.texture];
                 // alpha factor * texel >= cutoff, with the factor moved to the other side
                 let cutoff = 255.0 * cutoff / material.base_color.w.max(1e-6);
-                masks.masks.push(AlphaMask {
-                    width: texture.width,
-                    height: texture.height,
-                    alpha: texture.texels.iter().map(|texel| texel[3]).collect(),
-                    wrap: texture.wrap,
-                    cutoff,
+                masks.masks.push(match texture_ref.map(|reference| &scene.textures[reference.texture]) {
+                    Some(texture) => AlphaMask {
+                        width: texture.width,
+                        height: texture.height,
+                        alpha: texture.texels.iter().map(|texel| texel[3]).collect(),
+                        wrap: texture.wrap,
+                        cutoff,
+                    },
+                    // the factor alone is below the cutoff: a hole all over
+                    None => {
+                        AlphaMask { width: 1, height: 1, alpha: vec![255], wrap: [Wrap::Repeat; 2], cutoff }
+                    }
                 });
                 masks.masks.len() as u32 - 1
             });
             masks.triangles.push(triangle as u32);
             masks.mask_ids.push(mask_id);
-            let corners = geometry.triangles[triangle];
-            masks.uvs.push(corners.map(|vertex| texture_ref.uv(geometry.uvs[vertex as usize])));
+            let uv = |vertex: u32| {
+                texture_ref.map_or(Vec2::ZERO, |reference| reference.uv(geometry.uvs[vertex as usize]))
+            };
+            masks.uvs.push(geometry.triangles[triangle].map(uv));
         }
         masks
     }
@@ -92,5 +102,42 @@ impl AlphaMasks {
         let Ok(index) = self.triangles.binary_search(&triangle) else { return true };
         let [a, b, c] = self.uvs[index];
         self.masks[self.mask_ids[index] as usize].is_solid(a + (b - a) * u + (c - a) * v)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Affine3A, Vec3, Vec4};
+
+    use super::*;
+    use crate::scene::{Instance, Material, Mesh};
+
+    /// Whether one triangle of a material without a texture is there.
+    fn is_there(alpha: f32, alpha_mode: AlphaMode) -> bool {
+        let base_color = Vec4::new(1.0, 1.0, 1.0, alpha);
+        let mesh = Mesh {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+            normals: vec![Vec3::Z; 3],
+            triangles: vec![[0, 1, 2]],
+            ..Mesh::default()
+        };
+        let instance =
+            Instance { name: String::new(), mesh: 0, world_from_object: Affine3A::IDENTITY, object: 0 };
+        let scene = Scene {
+            meshes: vec![mesh],
+            instances: vec![instance],
+            materials: vec![Material { base_color, alpha_mode, ..Material::default() }],
+            ..Scene::default()
+        };
+        let masks = AlphaMasks::new(&scene, &Geometry::new(&scene));
+        [(0.0, 0.0), (0.3, 0.3), (0.9, 0.1)].iter().all(|&(u, v)| masks.is_solid(0, u, v))
+    }
+
+    #[test]
+    fn a_mask_without_a_texture_cuts_by_its_factor() {
+        let mask = AlphaMode::Mask { cutoff: 0.5 };
+        assert!(is_there(0.5, mask) && is_there(1.0, mask) && is_there(0.2, AlphaMode::Opaque));
+        assert!(!is_there(0.49, mask) && !is_there(0.0, mask));
+        assert!(is_there(0.0, AlphaMode::Mask { cutoff: 0.0 }));
     }
 }

@@ -110,21 +110,21 @@ impl Quality {
         match self {
             Self::Draft => Effort {
                 gather_rows: rows(16, 512, 4e-3, (0.1, 0.25)),
-                bounce_rows: rows(16, 256, 8e-3, (0.6, 1.0)),
+                bounce_rows: rows(16, 256, 1e-2, (0.4, 0.4)),
                 gather_encoding: low_rank(64, 4096, 2e-6),
                 bounce_encoding: low_rank(64, 4096, 2e-6),
                 training_lights: 128,
             },
             Self::Standard => Effort {
-                gather_rows: rows(64, 768, 1.6e-3, (0.035, 0.08)),
-                bounce_rows: rows(32, 512, 3e-3, (0.3, 0.55)),
+                gather_rows: rows(64, 768, 2e-3, (0.04, 0.09)),
+                bounce_rows: rows(32, 512, 4e-3, (0.25, 0.4)),
                 gather_encoding: low_rank(112, 8192, 1.5e-7),
                 bounce_encoding: low_rank(112, 8192, 1.5e-7),
                 training_lights: 384,
             },
             Self::Final => Effort {
-                gather_rows: rows(128, 2048, 2e-4, (0.02, 0.05)),
-                bounce_rows: rows(64, 1024, 6e-4, (0.15, 0.3)),
+                gather_rows: rows(128, 2048, 4e-4, (0.025, 0.06)),
+                bounce_rows: rows(64, 1024, 1e-3, (0.15, 0.3)),
                 gather_encoding: low_rank(160, 16_384, 4e-8),
                 bounce_encoding: low_rank(160, 16_384, 4e-8),
                 training_lights: 576,

@@ -81,8 +81,10 @@ pub(super) struct RowScratch {
     seen: Vec<(u32, f32)>,
     /// Where each tile's end.
     ends: Vec<usize>,
-    /// Visibility from one point, one a cell of the chunk.
+    /// Visibility from one point, one a cell of the chunk, times what it is divided by:
     visible: Vec<f32>,
+    /// the weight of the tiles that were asked.
+    told: Vec<f32>,
 }
 
 /// The points of a tile, as structure of arrays.
@@ -139,7 +141,7 @@ impl RowSource<'_> {
         for first in (0..count).step_by(CHUNK) {
             let chunk = Chunk { first, width: CHUNK.min(count - first) };
             self.form_factors(points, &tiles, chunk, scratch);
-            rays += self.look(&tiles, chunk, scratch);
+            rays += self.look(&tiles, chunk, points[0].seed, scratch);
             self.add_form_factors(&tiles, &tiling, chunk, rows, scratch);
         }
         rays
@@ -227,12 +229,12 @@ impl RowSource<'_> {
 
     /// Which cells of a chunk the tiles see: one ray for each tile and cell, or for a cluster of cells that matter little to the
     /// tile together.
-    fn look(&self, tiles: &[Tile<'_>], chunk: Chunk, scratch: &mut RowScratch) -> u64 {
+    fn look(&self, tiles: &[Tile<'_>], chunk: Chunk, block_seed: u32, scratch: &mut RowScratch) -> u64 {
         let mut rays = 0;
         scratch.seen.clear();
         scratch.ends.clear();
         for (number, tile) in tiles.iter().enumerate() {
-            self.ask(tile, number, chunk, scratch);
+            self.ask(tile, (number, block_seed), chunk, scratch);
             scratch.rays.clear();
             for &(cell, _) in &scratch.asked {
                 scratch.rays.push(self.probe(tile, chunk, cell as usize, &scratch.factors));
@@ -248,15 +250,22 @@ impl RowSource<'_> {
     }
 
     /// Chooses the cells of a chunk that tile `number` asks for.
-    fn ask(&self, tile: &Tile<'_>, number: usize, chunk: Chunk, scratch: &mut RowScratch) {
+    fn ask(
+        &self,
+        tile: &Tile<'_>,
+        (number, block_seed): (usize, u32),
+        chunk: Chunk,
+        scratch: &mut RowScratch,
+    ) {
         scratch.asked.clear();
         let shares = &scratch.shares[chunk.row(number)];
         let faint = self.settings.faint * tile.members.len() as f32;
         // near tiles, whose answers a point puts together, mostly follow each other: their draws are spread evenly
         let draw = |cluster: usize| {
-            let start = unit(hash(cluster as u32, hash(chunk.first as u32, 9)));
+            let start = unit(hash((chunk.first + cluster) as u32, hash(9, block_seed)));
             (start + number as f32 * GOLDEN_RATIO).fract()
         };
+        debug_assert!(chunk.width.is_power_of_two(), "clouds are powers of four");
         for cluster in (0..chunk.width).step_by(FAINT_CLUSTER) {
             let count = FAINT_CLUSTER.min(chunk.width);
             choose_speakers(shares, (cluster, count), faint, &draw, &mut scratch.asked);
@@ -283,20 +292,27 @@ impl RowSource<'_> {
         rows: &mut [f32],
         scratch: &mut RowScratch,
     ) {
-        let RowScratch { factors, shares, seen, ends, visible, .. } = scratch;
+        let RowScratch { factors, shares, seen, ends, visible, told, .. } = scratch;
         let seen_by = |tile: usize| &seen[tile.checked_sub(1).map_or(0, |before| ends[before])..ends[tile]];
         visible.resize(chunk.width, 0.0);
+        told.resize(chunk.width, 0.0);
         for (number, tile) in tiles.iter().enumerate() {
             for &member in tile.members {
+                let factors = &factors[chunk.row(member as usize)];
                 visible.fill(0.0);
+                told.fill(0.0);
                 for &(near, weight) in &tiling.near[member as usize] {
+                    let shares = &shares[chunk.row(near as usize)];
+                    add_where_asked(told, factors, shares, weight);
                     for &(cell, counts) in seen_by(near as usize) {
-                        visible[cell as usize] += weight * counts;
+                        if is_asked(factors[cell as usize], shares[cell as usize]) {
+                            visible[cell as usize] += weight * counts;
+                        }
                     }
                 }
                 let row = &mut rows[member as usize * self.patches.len() + chunk.first..][..chunk.width];
-                let factors = &factors[chunk.row(member as usize)];
-                add_balanced(row, factors, &shares[chunk.row(number)], visible, tile.balance());
+                let shares = &shares[chunk.row(number)];
+                add_balanced(row, factors, shares, (visible, told), tile.balance());
             }
         }
     }
@@ -337,13 +353,37 @@ fn add(sums: &mut [f32], values: &[f32]) {
     }
 }
 
-/// `row += V f / (m sum f + 1)`.
+/// Whether a point with form factor `factor` takes a tile's answer for a cell whose form factors add up to `share` over the
+/// tile. A tile that faces away from the cell has not asked; one that sees it edge-on has asked rarely, and a point would
+/// make much of it.
+fn is_asked(factor: f32, share: f32) -> bool {
+    share >= 0.5 * factor
+}
+
+/// Adds `weight` where [`is_asked`].
 #[multiversion(targets("x86_64+avx2+fma"))]
-fn add_balanced(row: &mut [f32], factors: &[f32], shares: &[f32], visible: &[f32], balance: f32) {
-    let count = row.len();
-    let (factors, shares, visible) = (&factors[..count], &shares[..count], &visible[..count]);
+fn add_where_asked(sums: &mut [f32], factors: &[f32], shares: &[f32], weight: f32) {
+    let count = sums.len();
+    let (factors, shares) = (&factors[..count], &shares[..count]);
     for i in 0..count {
-        row[i] += visible[i] * factors[i] / (balance * shares[i] + 1.0);
+        sums[i] += if is_asked(factors[i], shares[i]) { weight } else { 0.0 };
+    }
+}
+
+/// `row += V f / (m sum f + 1)`, where `V` is a quotient; its divisor is more than 0.
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn add_balanced(
+    row: &mut [f32],
+    factors: &[f32],
+    shares: &[f32],
+    (visible, told): (&[f32], &[f32]),
+    balance: f32,
+) {
+    let count = row.len();
+    let (factors, shares) = (&factors[..count], &shares[..count]);
+    let (visible, told) = (&visible[..count], &told[..count]);
+    for i in 0..count {
+        row[i] += visible[i] * factors[i] / (told[i] * (balance * shares[i] + 1.0));
     }
 }
 

@@ -11,7 +11,7 @@ use super::low_rank::LowRankSettings;
 use super::paper_rows::{ClusterBounds, PaperRows};
 use super::prior::LightPrior;
 use super::rows::{RowSettings, RowSource};
-use super::tiles::Spread;
+use super::tiles::{Spread, TILE};
 use super::{Buffer, Encoding, Occluders, Operator, Report, Timings, Transfer, blocks, prior};
 use crate::progress::Progress;
 use crate::sample::{CellMap, CloudMethod, CloudSettings, GatherCloud, QUAD, Receivers, ViewSamples};
@@ -93,6 +93,8 @@ struct Effort {
 
 /// Gather samples that share a basis of the bounce operator: a 64th of the scene, within these bounds; powers of four.
 const BOUNCE_BLOCK: (usize, usize) = (64, 1024);
+/// Blocks of small images are one run of points, with few tiles to take the mean of: less counts as faint there, by this factor.
+const FAINT_ALONE: f32 = 0.4;
 /// Opening threshold of the paper's cluster cut, squared size over squared distance.
 const PAPER_THRESHOLD: f32 = 0.01;
 /// Coefficients a row of the paper's multi-bounce matrix, as a share of the final gather's: 40 of 100.
@@ -377,8 +379,12 @@ impl Shot<'_> {
         let (width, height) = self.settings.size;
         let length = receiver_block(width * height);
         let rows = blocks::of_receivers(&receivers.points, length, seed);
+        let mut gather_rows = effort.gather_rows;
+        if length <= TILE {
+            gather_rows.faint *= FAINT_ALONE;
+        }
         progress.stage("final gather", rows.points.len() as u64);
-        let gather = compute::compute(estimator(effort.gather_rows), encoder, count, &rows, progress)?;
+        let gather = compute::compute(estimator(gather_rows), encoder, count, &rows, progress)?;
         Ok((gather, bounce, rows.owners))
     }
 

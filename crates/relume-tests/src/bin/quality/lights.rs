@@ -89,12 +89,12 @@ pub(crate) fn made(shot: &mut Shot, count: u32, seed: u32, size: (usize, usize))
     Ok(with_emission(shot, cases))
 }
 
-/// The rigs in `folder`, or the one it is, by the names of their files, and what surfaces of `shot` emit.
+/// The rigs in a folder, or the one that `rigs` is, by the names of their files, and what surfaces of `shot` emit.
 ///
 /// # Errors
 /// Where there is no such folder, no rig in it, or one that cannot be used.
-pub(crate) fn from_rigs(shot: &Shot, folder: &Path) -> Result<Vec<Case>> {
-    let paths = if folder.is_file() { vec![folder.to_owned()] } else { rigs_in(folder)? };
+pub(crate) fn from_rigs(shot: &Shot, rigs: &Path) -> Result<Vec<Case>> {
+    let paths = if rigs.is_file() { vec![rigs.to_owned()] } else { rigs_in(rigs)? };
     let read = |path: &PathBuf| {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Case { name, rig: load_rig(path)?, emission: false })

@@ -153,10 +153,10 @@ fn rows_sum_to_one_in_a_closed_room() {
     for settings in all_ways(&standard()) {
         let way = format!("{:?} {:?}", settings.encoding, settings.rows);
         let (lowest, mean_off, highest) = match settings.rows {
-            // measured 0.988 to 1.021 in single pixels
-            RowMethod::Balanced => (0.9, 0.01, 1.13),
-            // the paper's clamp darkens corners, its one representative a cluster is noisy: measured 0.40 to 1.06
-            RowMethod::Paper => (0.25, 0.08, 1.3),
+            // measured 0.983 to 1.024 in single pixels
+            RowMethod::Balanced => (0.95, 0.01, 1.06),
+            // the paper's clamp darkens corners, its one representative a cluster is noisy: measured 0.73 to 1.09
+            RowMethod::Paper => (0.5, 0.08, 1.2),
         };
         let is_one = |built: &TestScene| {
             let [low, middle, high] = spread(&row_sums(&prepare(built, settings.clone())));

@@ -447,11 +447,17 @@ fn scene_hash(scene: &Scene, geometry: &Geometry, camera: &Camera) -> String {
     hash.update(bytemuck::cast_slice(&geometry.normals));
     hash.update(bytemuck::cast_slice(&geometry.uvs));
     hash.update(bytemuck::cast_slice(&geometry.triangles));
+    hash.update(bytemuck::cast_slice(&geometry.tangents));
     hash.update(bytemuck::cast_slice(&geometry.materials));
+    hash.update(bytemuck::cast_slice(&geometry.objects));
     for material in &scene.materials {
         hash.update(format!("{material:?}").as_bytes());
     }
     for texture in &scene.textures {
+        hash.update(
+            format!("{} {} {:?} {:?}", texture.width, texture.height, texture.color_space, texture.wrap)
+                .as_bytes(),
+        );
         hash.update(bytemuck::cast_slice(&texture.texels));
     }
     hash.update(format!("{camera:?}").as_bytes());

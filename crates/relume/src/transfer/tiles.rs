@@ -103,8 +103,7 @@ fn settle(position: Vec3, home: u32, middles: &[Vec3], near: &mut Vec<(u32, f32)
         Some((_, weight)) => *weight = weight.max(HOME),
         None => near.push((home, HOME)),
     }
-    let total: f32 = near.iter().map(|(_, weight)| weight).sum();
-    near.iter_mut().for_each(|(_, weight)| *weight /= total);
+    add_up_to_one(near);
     let mean: Vec3 = near.iter().map(|&(tile, weight)| weight * middles[tile as usize]).sum();
     let variance: f32 =
         near.iter().map(|&(tile, weight)| weight * mean.distance_squared(middles[tile as usize])).sum();
@@ -120,11 +119,12 @@ fn settle(position: Vec3, home: u32, middles: &[Vec3], near: &mut Vec<(u32, f32)
         covariance += Mat3::from_cols(d * d.x, d * d.y, d * d.z) * weight;
     }
     let tilt = covariance.inverse() * ((position - mean) * unit);
-    let mut total = 0.0;
-    for (tile, weight) in &mut *near {
-        *weight *= (1.0 + tilt.dot(from_mean(*tile))).max(LEAST);
-        total += *weight;
-    }
+    near.iter_mut().for_each(|(tile, weight)| *weight *= (1.0 + tilt.dot(from_mean(*tile))).max(LEAST));
+    add_up_to_one(near);
+}
+
+fn add_up_to_one(near: &mut [(u32, f32)]) {
+    let total: f32 = near.iter().map(|(_, weight)| weight).sum();
     near.iter_mut().for_each(|(_, weight)| *weight /= total);
 }
 

@@ -183,12 +183,14 @@ impl Folder {
 
     fn next_steps(&self) -> String {
         let at = |name: &str| self.path(name).display().to_string();
+        // as it was called: `cargo run` puts no `relume` on the path
+        let relume = std::env::args().next().unwrap_or_else(|| "relume".to_owned());
         format!(
             "Look at {sheet}: the relit frames above their path-traced truth.\n\n\
              What to try next:\n  \
-             edit {rig} and relight:  relume relight {cache} --rig {rig} -o mine.png\n  \
-             how fast is this machine:  relume bench {cache} --rig {rig}\n  \
-             a scene of your own:       relume prepare SCENE.glb && relume info SCENE.glb --rig lights.toml",
+             edit {rig} and relight:  {relume} relight {cache} --rig {rig} -o mine.png\n  \
+             how fast is this machine:  {relume} bench {cache} --rig {rig}\n  \
+             a scene of your own:       {relume} prepare SCENE.glb && {relume} info SCENE.glb --rig lights.toml",
             sheet = at("demo.png"),
             rig = at("rig-1.toml"),
             cache = at("arcade.relume"),

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 use relume::reference::{MAX_BOUNCE_IMAGES, Paths};
-use relume::transfer::{Encoding, Quality, Settings};
+use relume::transfer::{Encoding, Quality, RowMethod, Settings};
 use relume::{Error, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -36,6 +36,9 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = "low-rank,haar-rows",
           value_parser = named::<Encoding>)]
     pub(crate) encodings: Vec<Encoding>,
+    /// How rows are estimated: balanced, or paper.
+    #[arg(long, value_name = "METHOD", default_value = "balanced", value_parser = named::<RowMethod>)]
+    rows: RowMethod,
     /// Lights to make for each scene.
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub(crate) lights: u32,
@@ -129,6 +132,7 @@ impl Arguments {
             gather: self.gather,
             quality: self.quality,
             encoding,
+            rows: self.rows,
             seed: self.seed,
             ..Settings::default()
         }

@@ -3,6 +3,7 @@ use std::cell::RefCell;
 use glam::Vec3;
 use obvhs::triangle::Triangle;
 
+use super::packet::{self, Waiting};
 use super::{AlphaMasks, Hit, Ray, kernel, wide::WideBvh};
 use crate::scene::{Geometry, Scene};
 
@@ -25,8 +26,14 @@ pub struct AccelStats {
     pub bytes: usize,
 }
 
+/// Where a thread's traversals keep what is still to be visited: of rays alone, and of packets.
+struct Stacks {
+    single: Vec<(f32, u32)>,
+    packet: Vec<Waiting>,
+}
+
 thread_local! {
-    static STACK: RefCell<Vec<(f32, u32)>> = const { RefCell::new(Vec::new()) };
+    static STACKS: RefCell<Stacks> = const { RefCell::new(Stacks { single: Vec::new(), packet: Vec::new() }) };
 }
 
 impl Accel {
@@ -58,12 +65,12 @@ impl Accel {
         AccelStats { triangles: self.triangles, nodes: self.bvh.nodes.len(), bytes: self.bvh.bytes() }
     }
 
-    fn with_stack<T>(&self, run: impl FnOnce(&mut [(f32, u32)]) -> T) -> T {
-        STACK.with_borrow_mut(|stack| {
-            if stack.len() < self.bvh.stack_size {
-                stack.resize(self.bvh.stack_size, (0.0, 0));
+    fn with_stacks<T>(&self, run: impl FnOnce(&mut [(f32, u32)], &mut Vec<Waiting>) -> T) -> T {
+        STACKS.with_borrow_mut(|Stacks { single, packet }| {
+            if single.len() < self.bvh.stack_size {
+                single.resize(self.bvh.stack_size, (0.0, 0));
             }
-            run(stack)
+            run(single, packet)
         })
     }
 
@@ -87,15 +94,18 @@ impl Accel {
     /// If `rays` and `hits` differ in length.
     pub fn closest_batch(&self, rays: &[Ray], hits: &mut [Hit]) {
         assert_eq!(rays.len(), hits.len(), "one hit a ray");
-        self.with_stack(|stack| kernel::closest_batch(&self.bvh, &self.masks, rays, hits, stack));
+        self.with_stacks(|stack, _| kernel::closest_batch(&self.bvh, &self.masks, rays, hits, stack));
     }
 
-    /// Whether anything lies on each ray; best where neighbours in the batch run side by side.
+    /// Whether anything lies on each ray; best where each sixteen in the batch run side by side, which are then traced as a
+    /// packet. A ray gets the same answer in any company.
     ///
     /// # Panics
     /// If `rays` and `blocked` differ in length.
     pub fn occluded_batch(&self, rays: &[Ray], blocked: &mut [bool]) {
         assert_eq!(rays.len(), blocked.len(), "one answer a ray");
-        self.with_stack(|stack| kernel::occluded_batch(&self.bvh, &self.masks, rays, blocked, stack));
+        self.with_stacks(|stack, waiting| {
+            packet::occluded_batch(&self.bvh, &self.masks, rays, blocked, stack, waiting);
+        });
     }
 }

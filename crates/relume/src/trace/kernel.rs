@@ -1,5 +1,5 @@
-//! Traversal kernels. Each is plain Rust over fixed-size lanes, compiled once for every instruction set named
-//! in [`closest_batch`] and [`occluded_batch`]; which one runs is decided at run time, once a batch.
+//! Traversal of one ray. It is plain Rust over fixed-size lanes, compiled once for every instruction set named in
+//! [`closest_batch`]; which one runs is decided at run time, once a batch.
 
 use multiversion::multiversion;
 
@@ -8,19 +8,19 @@ use super::{AlphaMasks, Hit, Ray};
 
 /// Boxes are widened by this factor of their far distance: three roundings of the slab test
 /// (Ize 2013, "Robust BVH Ray Traversal").
-const FAR_SCALE: f32 = 1.000_000_4;
+pub(super) const FAR_SCALE: f32 = 1.000_000_4;
 
 /// A ray as the box test wants it.
-struct Slabs {
-    origin: [f32; 3],
-    inverse: [f32; 3],
+pub(super) struct Slabs {
+    pub(super) origin: [f32; 3],
+    pub(super) inverse: [f32; 3],
     /// 1 where the ray runs towards smaller coordinates.
-    near: [usize; 3],
+    pub(super) near: [usize; 3],
 }
 
 impl Slabs {
     #[inline(always)]
-    fn new(ray: &Ray) -> Self {
+    pub(super) fn new(ray: &Ray) -> Self {
         let mut slabs = Self { origin: ray.origin.to_array(), inverse: [0.0; 3], near: [0; 3] };
         for axis in 0..3 {
             // A zero (of either sign) would make 0 * inf = NaN on a box's face; a tiny slope keeps all finite.
@@ -34,12 +34,12 @@ impl Slabs {
 }
 
 #[inline(always)]
-fn min(a: f32, b: f32) -> f32 {
+pub(super) fn min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 #[inline(always)]
-fn max(a: f32, b: f32) -> f32 {
+pub(super) fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
@@ -66,7 +66,11 @@ fn enter(node: &Node, slabs: &Slabs, t_min: f32, t_max: f32) -> ([f32; WIDTH], u
 
 /// Möller-Trumbore on four triangles: distance, barycentrics, and a bit for each hit in `t_min..t_max`.
 #[inline(always)]
-fn intersect(block: &Block, ray: &Ray, t_max: f32) -> ([f32; LEAF], [f32; LEAF], [f32; LEAF], u32) {
+pub(super) fn intersect(
+    block: &Block,
+    ray: &Ray,
+    t_max: f32,
+) -> ([f32; LEAF], [f32; LEAF], [f32; LEAF], u32) {
     let [ox, oy, oz] = ray.origin.to_array();
     let [dx, dy, dz] = ray.direction.to_array();
     let (mut t, mut u, mut v) = ([0.0; LEAF], [0.0; LEAF], [0.0; LEAF]);
@@ -137,24 +141,34 @@ fn closest(bvh: &WideBvh, masks: &AlphaMasks, ray: &Ray, stack: &mut [(f32, u32)
     if hit.is_hit() { hit } else { Hit::MISS }
 }
 
+/// Whether anything solid of a block lies on a ray.
 #[inline(always)]
-fn occluded(bvh: &WideBvh, masks: &AlphaMasks, ray: &Ray, stack: &mut [(f32, u32)]) -> bool {
+pub(super) fn blocks(block: &Block, masks: &AlphaMasks, ray: &Ray) -> bool {
+    let (_, u, v, mask) = intersect(block, ray, ray.t_max);
+    if mask & !block.masked != 0 {
+        return true;
+    }
+    (0..LEAF).any(|lane| mask >> lane & 1 != 0 && masks.is_solid(block.triangles[lane], u[lane], v[lane]))
+}
+
+/// Whether anything below a node or block lies on a ray.
+#[inline(always)]
+pub(super) fn occluded_below(
+    bvh: &WideBvh,
+    masks: &AlphaMasks,
+    ray: &Ray,
+    below: u32,
+    stack: &mut [(f32, u32)],
+) -> bool {
     let slabs = Slabs::new(ray);
     let mut waiting = 1;
-    stack[0] = (0.0, 0);
+    stack[0].1 = below;
     while waiting > 0 {
         waiting -= 1;
         let child = stack[waiting].1;
         if child & LEAF_BIT != 0 {
-            let block = &bvh.blocks[(child & !LEAF_BIT) as usize];
-            let (_, u, v, mask) = intersect(block, ray, ray.t_max);
-            if mask & !block.masked != 0 {
+            if blocks(&bvh.blocks[(child & !LEAF_BIT) as usize], masks, ray) {
                 return true;
-            }
-            for lane in 0..LEAF {
-                if mask >> lane & 1 != 0 && masks.is_solid(block.triangles[lane], u[lane], v[lane]) {
-                    return true;
-                }
             }
             continue;
         }
@@ -181,20 +195,6 @@ pub(super) fn closest_batch(
 ) {
     for (ray, hit) in rays.iter().zip(hits) {
         *hit = closest(bvh, masks, ray, stack);
-    }
-}
-
-/// Whether anything lies on each ray.
-#[multiversion(targets("x86_64+avx2+fma+bmi1+bmi2+lzcnt", "x86_64+sse4.1"))]
-pub(super) fn occluded_batch(
-    bvh: &WideBvh,
-    masks: &AlphaMasks,
-    rays: &[Ray],
-    blocked: &mut [bool],
-    stack: &mut [(f32, u32)],
-) {
-    for (ray, blocked) in rays.iter().zip(blocked) {
-        *blocked = occluded(bvh, masks, ray, stack);
     }
 }
 

@@ -108,6 +108,27 @@ fn occlusion_equals_closest_hit_within_the_segment() {
     }
 }
 
+/// Rays in company must be answered as alone, to the last bit: towards a light among the triangles, near and far, and along an axis,
+/// from origins as near to each other as samples of a pixel and so far apart that no packet holds them.
+#[test]
+fn shadow_rays_in_packets_are_answered_as_alone() {
+    let (positions, triangles, masks) = soup(300);
+    let accel = Accel::from_triangles(&positions, &triangles, masks);
+    let lights = [Vec3::splat(0.5), Vec3::new(0.3, 2.0, 0.4), Vec3::new(40.0, 90.0, -20.0)];
+    for spread in [0.001, 0.03, 0.3, 3.0] {
+        let origin = |i| random_point(i / 64, 11) + spread * (random_point(i, 12) - 0.5);
+        let towards = lights.iter().flat_map(|light| (0..1024).map(|i| Ray::between(origin(i), *light)));
+        let down = (0..1024).map(|i| Ray::new(origin(i), Vec3::new(0.0, -1.0, -0.0)));
+        let rays: Vec<Ray> = towards.chain(down).collect();
+        let mut blocked = vec![false; rays.len()];
+        accel.occluded_batch(&rays, &mut blocked);
+        let alone: Vec<bool> = rays.iter().map(|ray| accel.occluded(ray)).collect();
+        assert_eq!(blocked, alone, "spread {spread}");
+        let count = alone.iter().filter(|&&blocked| blocked).count();
+        assert!((200..3800).contains(&count), "{count} blocked: too few or too many to test anything");
+    }
+}
+
 /// Rays along the axes, with zeros of both signs, from points whose coordinates lie on box faces.
 #[test]
 fn axis_aligned_rays_hit_the_floor() {

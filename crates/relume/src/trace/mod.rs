@@ -1,12 +1,14 @@
 //! Acceleration structure, rays, sampling sequences: the only place that names the BVH library.
 //!
 //! [`Accel`] answers which triangle a ray meets first and whether anything lies between two points, cutting
-//! alpha-masked holes for both. Coherent rays are given in batches; a batch is traced by one kernel that was
-//! compiled for the widest vector instructions this processor has, chosen at run time.
+//! alpha-masked holes for both. Rays are given in batches; a batch is traced by one kernel that was
+//! compiled for the widest vector instructions this processor has, chosen at run time. Shadow rays that run side by
+//! side walk the tree together, in packets.
 
 mod accel;
 mod alpha;
 mod kernel;
+mod packet;
 pub mod sampling;
 mod wide;
 

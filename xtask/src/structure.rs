@@ -3,6 +3,7 @@
 //! Each check takes what it judges as plain values and returns one sentence for each fault.
 
 mod dependencies;
+mod names;
 mod paths;
 mod sources;
 mod words;
@@ -62,6 +63,7 @@ fn faults() -> Result<Vec<String>> {
     let mut faults = dependencies::faults(&dependencies::of_workspace()?);
     faults.extend(sources::faults(&sources));
     faults.extend(paths::faults(&sources, |path| root.join(path).exists()));
+    faults.extend(names::faults(&sources));
     faults.extend(words::faults(&sources));
     Ok(faults)
 }

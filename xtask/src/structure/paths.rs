@@ -5,32 +5,42 @@ use super::Source;
 /// Folders of the repository's root; a path in backticks that begins with one is taken for a promise.
 const FOLDERS: [&str; 6] = ["crates", "xtask", "assets", "docs", ".ci", ".cargo"];
 
-/// Paths named in README.md and docs/*.md that do not exist.
-pub(super) fn faults(sources: &[Source], exists: impl Fn(&str) -> bool) -> Vec<String> {
-    let pages = sources.iter().filter(|source| {
+/// The documentation: README.md and docs/*.md.
+pub(super) fn pages(sources: &[Source]) -> impl Iterator<Item = &Source> {
+    sources.iter().filter(|source| {
         source.path == "README.md"
             || source.path.strip_prefix("docs/").is_some_and(|page| page.ends_with(".md"))
-    });
-    pages
-        .flat_map(|page| {
-            named_paths(&page.text)
-                .filter(|(_, path)| !exists(path))
-                .map(|(line, path)| format!("{}:{line}: {path} does not exist", page.path))
-                .collect::<Vec<_>>()
-        })
-        .collect()
+    })
 }
 
-/// Line numbers and paths in the code spans outside fenced blocks.
-fn named_paths(text: &str) -> impl Iterator<Item = (usize, &str)> {
+/// Paths that the documentation names and that do not exist.
+pub(super) fn faults(sources: &[Source], exists: impl Fn(&str) -> bool) -> Vec<String> {
+    let mut faults = Vec::new();
+    for page in pages(sources) {
+        for (line, spans) in spans(&page.text) {
+            let paths = spans.iter().filter_map(|(span, _)| as_path(span));
+            faults.extend(
+                paths
+                    .filter(|path| !exists(path))
+                    .map(|path| format!("{}:{line}: {path} does not exist", page.path)),
+            );
+        }
+    }
+    faults
+}
+
+/// Line numbers and code spans outside fenced blocks, each with the text between it and the next.
+pub(super) fn spans(text: &str) -> impl Iterator<Item = (usize, Vec<(&str, &str)>)> {
     let mut fenced = false;
     let lines = text.lines().enumerate().filter(move |(_, line)| {
         let fence = line.trim_start().starts_with("```");
         fenced ^= fence;
         !fenced && !fence
     });
-    lines.flat_map(|(index, line)| {
-        line.split('`').skip(1).step_by(2).filter_map(as_path).map(move |path| (index + 1, path))
+    lines.map(|(index, line)| {
+        let parts: Vec<&str> = line.split('`').collect();
+        let spans = parts[1..].chunks(2).map(|pair| (pair[0], pair.get(1).copied().unwrap_or_default()));
+        (index + 1, spans.collect())
     })
 }
 

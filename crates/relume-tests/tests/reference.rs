@@ -151,7 +151,7 @@ fn glossy_plane_answers_by_its_bsdf() {
         let brdf = surface.diffuse(view.y) / std::f32::consts::PI + surface.specular(view, light);
         brdf * intensity * light.y / to_light.length_squared()
     };
-    for paths in [Paths::All, Paths::Transfer] {
+    for paths in [Paths::All, Paths::DiffuseTransfer] {
         let result =
             trace(&built, &rig([omni(position, intensity, 0.0)]), &Settings { paths, ..settings.clone() });
         let error = worst(&result.layers.direct, expected);
@@ -165,7 +165,7 @@ fn glossy_plane_answers_by_its_bsdf() {
 fn furnace() {
     let (albedo, emission) = (Vec3::new(0.7, 0.5, 0.2), Vec3::new(1.0, 2.0, 3.0));
     let built = room(emissive(albedo, emission), emissive(albedo, emission), None);
-    for paths in [Paths::All, Paths::Transfer] {
+    for paths in [Paths::All, Paths::DiffuseTransfer] {
         let settings = Settings { spp: 512, per_bounce: true, paths, ..small() };
         let result = trace(&built, &LightRig::default(), &settings);
         let full = mean(&result.layers.full());
@@ -189,7 +189,7 @@ fn furnace_of_the_transfer_is_known_for_glossy_surfaces() {
     let emission = Vec3::new(1.0, 2.0, 3.0);
     let material = Material { emission, specular: 1.0, roughness: 0.4, metallic: 0.2, ..lambertian(COLOR) };
     let built = room(material.clone(), material, None);
-    let settings = Settings { spp: 512, paths: Paths::Transfer, ..small() };
+    let settings = Settings { spp: 512, paths: Paths::DiffuseTransfer, ..small() };
     let result = trace(&built, &LightRig::default(), &settings);
     let camera = &built.scene.cameras[0];
     let expected = |i: usize| {
@@ -223,7 +223,7 @@ fn parallel_discs_have_their_form_factor() {
         .camera(Vec3::new(3.0, 0.7, 0.0), Vec3::ZERO, 0.05);
     let built = builder.build();
     let factor = |height: f32| radius * radius / (radius * radius + height * height);
-    for paths in [Paths::All, Paths::Transfer] {
+    for paths in [Paths::All, Paths::DiffuseTransfer] {
         let settings = Settings { width: 4, height: 4, spp: 1024, paths, ..small() };
         let result = trace(&built, &LightRig::default(), &settings);
         let error = |factor: f32| worst(&result.layers.direct, |_| COLOR * radiance * factor);
@@ -330,8 +330,11 @@ fn all_and_transfer_paths_agree_on_diffuse_scenes_only() {
     for lamp in [None, Some(Vec3::splat(5.0))] {
         let built = room(lambertian(Vec3::new(0.7, 0.6, 0.5)), lambertian(COLOR), lamp);
         let all = trace(&built, &room_lights(), &settings);
-        let transfer =
-            trace(&built, &room_lights(), &Settings { paths: Paths::Transfer, seed: 9, ..settings.clone() });
+        let transfer = trace(
+            &built,
+            &room_lights(),
+            &Settings { paths: Paths::DiffuseTransfer, seed: 9, ..settings.clone() },
+        );
         let allowed = 1.5 * all.noise.full.hypot(transfer.noise.full);
         // smooth normals on a coarse ball: geometric and shading cosines differ a little
         let difference = relative_l2(&transfer.layers.full(), &all.layers.full());
@@ -340,10 +343,11 @@ fn all_and_transfer_paths_agree_on_diffuse_scenes_only() {
     let metal = Material { metallic: 1.0, roughness: 0.3, ..Material::default() };
     let built = room(metal.clone(), metal, None);
     let all = trace(&built, &room_lights(), &settings);
-    let transfer = trace(&built, &room_lights(), &Settings { paths: Paths::Transfer, ..settings.clone() });
+    let transfer =
+        trace(&built, &room_lights(), &Settings { paths: Paths::DiffuseTransfer, ..settings.clone() });
     assert_eq!(all.layers.direct, transfer.layers.direct);
     assert!(relative_l2(&transfer.layers.indirect, &all.layers.indirect) > 0.3);
-    let glossy = trace(&built, &room_lights(), &Settings { paths: Paths::GlossyTransfer, ..settings });
+    let glossy = trace(&built, &room_lights(), &Settings { paths: Paths::Transfer, ..settings });
     let nearer = relative_l2(&glossy.layers.indirect, &all.layers.indirect);
     assert!(nearer < relative_l2(&transfer.layers.indirect, &all.layers.indirect));
 }

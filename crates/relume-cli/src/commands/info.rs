@@ -4,15 +4,17 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use relume::scene::Geometry;
-use relume::transfer::{FORMAT_VERSION, Report};
+use relume::transfer::{FORMAT_VERSION, Operator, Report};
 use relume::{Camera, Error, Light, LightKind, LightRig, Result, Transfer};
 use relume_io::{Imported, save_rig};
 use serde::Serialize;
 
 use crate::console::Console;
 use crate::output::{check_output, ending};
-use crate::report::{Table, bytes, count, percent, plural};
+use crate::report::{Table, bytes, count, plural};
 use crate::scene_file;
+
+use super::prepare::encoding_errors;
 
 /// Show what is in a scene or a cache: counts, sizes, bytes per pixel, expected error.
 #[derive(Args)]
@@ -211,6 +213,8 @@ struct CacheContents<'a> {
 #[derive(Serialize)]
 struct Parts {
     gather_bytes: usize,
+    /// Its reflections; 0 without.
+    glossy_bytes: usize,
     bounce_bytes: usize,
     view_samples_bytes: usize,
     gather_samples_bytes: usize,
@@ -223,6 +227,7 @@ impl Parts {
         let masks: usize = occluders.masks.masks.iter().map(|mask| size_of_val(&*mask.alpha)).sum();
         Self {
             gather_bytes: transfer.gather.bytes(),
+            glossy_bytes: transfer.glossy.as_ref().map_or(0, Operator::bytes),
             bounce_bytes: transfer.bounce.bytes(),
             view_samples_bytes: size_of_val(&*view.centers)
                 + size_of_val(&*view.quads)
@@ -294,7 +299,8 @@ impl std::fmt::Display for CacheContents<'_> {
             ),
         );
         table.line("transfer", format!("{:.1} bytes a pixel", self.bytes_per_pixel));
-        table.line("  final gather", size(parts.gather_bytes));
+        table.line("  diffuse gather", size(parts.gather_bytes));
+        table.line("  glossy gather", size(parts.glossy_bytes));
         table.line("  bounces", size(parts.bounce_bytes));
         table.line("view samples", size(parts.view_samples_bytes));
         table.line("gather samples", size(parts.gather_samples_bytes));
@@ -302,11 +308,7 @@ impl std::fmt::Display for CacheContents<'_> {
         table.line("file", format!("{}, format {}", bytes(self.cache_bytes), self.format_version));
         table.line(
             "encoding error",
-            format!(
-                "{} final gather, {} bounces (expected)",
-                percent(report.gather_error),
-                percent(report.bounce_error)
-            ),
+            encoding_errors([Some(report.gather_error), report.glossy_error, Some(report.bounce_error)]),
         );
         table.line(
             "rays",

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use relume::sample::CloudMethod;
-use relume::transfer::{Encoding, Quality, RowMethod, Settings};
+use relume::transfer::{Encoding, Operator, Quality, RowMethod, Settings};
 use relume::{Preparation, Result, Transfer};
 use serde::Serialize;
 
@@ -52,6 +52,9 @@ pub(crate) struct Arguments {
     /// How the transfer is estimated.
     #[arg(long, value_enum, default_value_t)]
     rows: RowsName,
+    /// Leave out reflections: indirect light is then diffuse. Faster and smaller.
+    #[arg(long)]
+    no_glossy: bool,
     /// Seed of all random numbers.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u32,
@@ -120,8 +123,12 @@ struct Figures<'a> {
     rays_per_pixel: f64,
     rays_per_gather_sample: f64,
     gather_bytes: usize,
+    /// 0 without reflections.
+    glossy_bytes: usize,
     bounce_bytes: usize,
     gather_encoding_error: f64,
+    /// `null` without reflections.
+    glossy_encoding_error: Option<f64>,
     bounce_encoding_error: f64,
     triangles: u64,
     gather_samples: usize,
@@ -196,10 +203,18 @@ impl Arguments {
                 RowsName::Balanced => RowMethod::Balanced,
                 RowsName::Paper => RowMethod::Paper,
             },
+            glossy: !self.no_glossy,
             coefficients: usize::from(self.coefficients),
             seed: self.seed,
         }
     }
+}
+
+/// The expected errors of the encodings of the diffuse and the glossy final gather and of the bounces.
+pub(crate) fn encoding_errors([gather, glossy, bounces]: [Option<f64>; 3]) -> String {
+    let named = [("diffuse", gather), ("glossy", glossy), ("bounces", bounces)];
+    let told = named.iter().filter_map(|(name, error)| Some(format!("{} {name}", percent((*error)?))));
+    format!("{} (expected)", told.collect::<Vec<_>>().join(", "))
 }
 
 impl<'a> Figures<'a> {
@@ -216,8 +231,10 @@ impl<'a> Figures<'a> {
             rays_per_pixel: report.rays_per_pixel,
             rays_per_gather_sample: report.rays_per_gather_sample,
             gather_bytes: transfer.gather.bytes(),
+            glossy_bytes: transfer.glossy.as_ref().map_or(0, Operator::bytes),
             bounce_bytes: transfer.bounce.bytes(),
             gather_encoding_error: report.gather_error,
+            glossy_encoding_error: report.glossy_error,
             bounce_encoding_error: report.bounce_error,
             triangles: report.triangles,
             gather_samples: transfer.cloud.len(),
@@ -264,22 +281,18 @@ impl std::fmt::Display for Figures<'_> {
                 self.rays_per_pixel, self.rays_per_gather_sample
             ),
         );
-        let operators = (bytes(self.gather_bytes as u64), bytes(self.bounce_bytes as u64));
+        let [gather, glossy, bounces] =
+            [self.gather_bytes, self.glossy_bytes, self.bounce_bytes].map(|size| bytes(size as u64));
         table.line(
             "transfer",
             format!(
-                "{:.1} bytes a pixel: final gather {}, bounces {}",
-                self.bytes_per_pixel, operators.0, operators.1
+                "{:.1} bytes a pixel: diffuse {gather}, glossy {glossy}, bounces {bounces}",
+                self.bytes_per_pixel
             ),
         );
-        table.line(
-            "encoding error",
-            format!(
-                "{} final gather, {} bounces (expected)",
-                percent(self.gather_encoding_error),
-                percent(self.bounce_encoding_error)
-            ),
-        );
+        let errors =
+            [Some(self.gather_encoding_error), self.glossy_encoding_error, Some(self.bounce_encoding_error)];
+        table.line("encoding error", encoding_errors(errors));
         table.line("cache", format!("{}, {}", self.cache.display(), bytes(self.cache_bytes)));
         table.line("peak memory", self.peak_rss_bytes.map_or("not known".to_owned(), bytes));
         write!(f, "{table}")

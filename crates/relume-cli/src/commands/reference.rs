@@ -78,8 +78,10 @@ enum PathsName {
     /// What a renderer would show.
     #[default]
     All,
-    /// Those that the diffuse transfer models: diffuse after the first surface.
+    /// Those that the transfer models: diffuse after the first surface.
     Transfer,
+    /// Those that a transfer without reflections models (`prepare --no-glossy`).
+    Diffuse,
 }
 
 /// What `--json` prints.
@@ -153,6 +155,7 @@ impl Arguments {
             paths: match self.paths {
                 PathsName::All => Paths::All,
                 PathsName::Transfer => Paths::Transfer,
+                PathsName::Diffuse => Paths::DiffuseTransfer,
             },
             seed: self.seed,
             ..Settings::default()
@@ -222,7 +225,7 @@ pub(super) fn attributes(settings: &Settings, noise: &Noise) -> Vec<(String, Att
             match settings.paths {
                 Paths::All => "all",
                 Paths::Transfer => "transfer",
-                Paths::GlossyTransfer => "glossy-transfer",
+                Paths::DiffuseTransfer => "diffuse",
             },
         ),
     ]

@@ -40,12 +40,12 @@ pub enum Paths {
     /// All: every vertex has its full BSDF. What a renderer would show.
     #[default]
     All,
-    /// Those that the diffuse transfer models. The first surface answers to analytic lights by its full BSDF, to
-    /// everything else by its diffuse lobe alone, with the shading normal's cosine. Every later surface is a
-    /// diffuse reflector with the hemispherical reflectance as albedo and its geometric normal in all cosines.
+    /// Those that the transfer models. The first surface has its full BSDF. Every later surface is a diffuse reflector with the
+    /// hemispherical reflectance as albedo and its geometric normal in all cosines.
     Transfer,
-    /// As [`Self::Transfer`], but the first surface has its full BSDF for all light.
-    GlossyTransfer,
+    /// As [`Self::Transfer`], but the first surface answers to light from other surfaces by its diffuse lobe alone, with the
+    /// shading normal's cosine: what a transfer without reflections models.
+    DiffuseTransfer,
 }
 
 /// What to render, and how well.

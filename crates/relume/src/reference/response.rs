@@ -28,13 +28,13 @@ impl Response {
     /// lights is its full BSDF in all of them.
     pub(super) fn new(paths: Paths, first: bool, surface: &Surface, view: Vec3) -> Self {
         match (paths, first) {
-            (Paths::All, _) | (Paths::GlossyTransfer, true) => Self::Full(Bsdf::new(surface, view)),
-            (Paths::Transfer, true) => Self::Diffuse {
+            (Paths::All, _) | (Paths::Transfer, true) => Self::Full(Bsdf::new(surface, view)),
+            (Paths::DiffuseTransfer, true) => Self::Diffuse {
                 albedo: surface.diffuse(surface.shading_normal.dot(view)),
                 normal: surface.shading_normal,
                 geometric_normal: surface.geometric_normal,
             },
-            (Paths::Transfer | Paths::GlossyTransfer, false) => Self::Diffuse {
+            (Paths::Transfer | Paths::DiffuseTransfer, false) => Self::Diffuse {
                 albedo: surface.hemispherical_reflectance(),
                 normal: surface.geometric_normal,
                 geometric_normal: surface.geometric_normal,

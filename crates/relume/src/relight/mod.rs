@@ -97,6 +97,8 @@ pub struct Relighter {
     accel: Accel,
     bounces: BounceSeries,
     edges: Vec<bool>,
+    /// Where the transfer has reflections.
+    tints: Option<upsample::Tints>,
     /// What the lights of the last frame did.
     kept: Vec<Kept>,
     /// The same of lights that were off or black in it.
@@ -115,6 +117,7 @@ impl Relighter {
             accel: transfer.occluders.accel(),
             bounces: BounceSeries::new(&transfer.bounce, &albedo),
             edges: edge_pixels(&transfer.view),
+            tints: transfer.glossy.is_some().then(|| upsample::Tints::new(&transfer.view)),
             kept: Vec::new(),
             dark: Vec::new(),
             emission: None,
@@ -238,9 +241,11 @@ impl Relighter {
         self.stats.bounces_ms += milliseconds(began);
         let began = Instant::now();
         let gathered = self.transfer.gather.apply(&bounced);
+        let glossy = self.transfer.glossy.as_ref().map(|glossy| glossy.apply(&bounced));
         self.stats.gather_ms += milliseconds(began);
         let began = Instant::now();
-        let pixels = upsample::upsample(&self.transfer, &gathered, aa);
+        let glossy = glossy.as_deref().zip(self.tints.as_ref());
+        let pixels = upsample::upsample(&self.transfer, &gathered, glossy, aa);
         self.stats.upsample_ms += milliseconds(began);
         pixels
     }

@@ -17,7 +17,7 @@ pub use cloud::{
 };
 pub use illumination::{CloudLight, illuminate};
 pub use packed::{PackedNormal, PackedUnit};
-pub use receivers::{Receiver, Receivers};
+pub use receivers::{Gloss, Receiver, Receivers};
 pub(crate) use tree::cluster_order;
 pub(crate) use view::QUAD;
 pub use view::{ViewHits, ViewSample, ViewSamples, edge_pixels};

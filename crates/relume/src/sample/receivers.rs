@@ -20,6 +20,21 @@ pub struct Receiver {
     pub shading_normal: Vec3,
     /// For the horizon.
     pub geometric_normal: Vec3,
+    /// What of the light along it is reflected towards the camera: the mean over the samples, weighted by what they reflect so.
+    pub gloss: Gloss,
+}
+
+/// How a receiver reflects towards the camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Gloss {
+    /// Unit, to the camera.
+    pub view: Vec3,
+    /// Perceptual roughness.
+    pub roughness: f32,
+    /// Specular reflectance along the normal, the mean of the channels.
+    pub f0: f32,
+    /// At grazing angles.
+    pub f90: f32,
 }
 
 /// The receivers of a picture, and which of them each view sample takes its light from.
@@ -53,11 +68,18 @@ enum Source {
 }
 
 impl Receiver {
-    fn of(sample: &ViewSample) -> Self {
+    fn of(sample: &ViewSample, camera: Vec3) -> Self {
+        let surface = sample.surface();
         Self {
             position: sample.position,
-            shading_normal: sample.shading_normal.get(),
-            geometric_normal: sample.geometric_normal.get(),
+            shading_normal: surface.shading_normal,
+            geometric_normal: surface.geometric_normal,
+            gloss: Gloss {
+                view: (camera - sample.position).normalize_or(surface.geometric_normal),
+                roughness: surface.roughness,
+                f0: surface.specular_f0.element_sum() / 3.0,
+                f90: surface.specular_f90,
+            },
         }
     }
 }
@@ -81,7 +103,7 @@ impl Receivers {
                 if !center.is_lit() {
                     return Self::NONE;
                 }
-                points.push(Receiver::of(center));
+                points.push(Receiver::of(center, view.camera));
                 points.len() as u32 - 1
             })
             .collect();
@@ -89,7 +111,7 @@ impl Receivers {
         let mut further = Vec::new();
         for (sources, quads) in rows {
             let first = points.len() as u32;
-            points.extend(quads.iter().map(|&quad| Receiver::of(&view.quads[quad as usize])));
+            points.extend(quads.iter().map(|&quad| Receiver::of(&view.quads[quad as usize], view.camera)));
             further.extend(quads);
             of_quads.extend(sources.iter().map(|source| match *source {
                 Source::Nothing => Self::NONE,
@@ -97,7 +119,7 @@ impl Receivers {
                 Source::Further(number) => first + number,
             }));
         }
-        average_normals(&mut points, view, &of_quads);
+        average(&mut points, view, &of_quads);
         Self { points, of_centers, of_quads, further }
     }
 }
@@ -111,20 +133,19 @@ fn sources(view: &ViewSamples, row: usize, pixel: f32) -> (Vec<Source>, Vec<u32>
         for quad in 0..4 {
             let index = 4 * (row * view.width + column) + quad;
             let sample = &view.quads[index];
-            if !sample.is_lit() || sample.diffuse.get() == Vec3::ZERO {
+            if !reflects(sample) {
                 sources.push(Source::Nothing);
                 continue;
             }
             let nearest = view.nearest_center(sample, row, column);
-            if let Some(nearest) = nearest
-                .filter(|&nearest| serves(&Receiver::of(&view.centers[nearest as usize]), sample, pixel))
+            if let Some(nearest) =
+                nearest.filter(|&nearest| serves(&view.centers[nearest as usize], sample, pixel))
             {
                 sources.push(Source::Center(nearest));
                 continue;
             }
-            let own = further[first..]
-                .iter()
-                .position(|&quad| serves(&Receiver::of(&view.quads[quad as usize]), sample, pixel));
+            let own =
+                further[first..].iter().position(|&quad| serves(&view.quads[quad as usize], sample, pixel));
             let number = own.map_or(further.len(), |own| first + own);
             if own.is_none() {
                 further.push(index as u32);
@@ -136,28 +157,57 @@ fn sources(view: &ViewSamples, row: usize, pixel: f32) -> (Vec<Source>, Vec<u32>
 }
 
 /// Whether `sample` lies in the plane of `receiver` and faces as it does. `pixel` is the angle of a pixel.
-fn serves(receiver: &Receiver, sample: &ViewSample, pixel: f32) -> bool {
-    let (geometric, shading) = (sample.geometric_normal.get(), sample.shading_normal.get());
+fn serves(receiver: &ViewSample, sample: &ViewSample, pixel: f32) -> bool {
+    let faces = |of: &ViewSample| (of.geometric_normal.get(), of.shading_normal.get());
+    let ((geometric, shading), (its_geometric, its_shading)) = (faces(sample), faces(receiver));
     let apart = sample.position - receiver.position;
-    let off_plane = apart.dot(geometric).abs().max(apart.dot(receiver.geometric_normal).abs());
-    receiver.geometric_normal.dot(geometric) > SAME_FACE
-        && receiver.shading_normal.dot(shading) > SAME_NORMAL
+    let off_plane = apart.dot(geometric).abs().max(apart.dot(its_geometric).abs());
+    its_geometric.dot(geometric) > SAME_FACE
+        && its_shading.dot(shading) > SAME_NORMAL
         && off_plane < SAME_PLANE * pixel * sample.depth
 }
 
-/// Gives every receiver the mean shading normal of the samples it serves, weighted by what these reflect.
-fn average_normals(points: &mut [Receiver], view: &ViewSamples, of_quads: &[u32]) {
-    let mut sums = vec![(Vec3::ZERO, 0.0_f32); points.len()];
+/// Whether any light from the surroundings is reflected.
+fn reflects(sample: &ViewSample) -> bool {
+    let surface = sample.surface();
+    sample.is_lit() && (surface.diffuse_albedo != Vec3::ZERO || surface.specular_f90 > 0.0)
+}
+
+/// Sums over the samples that a receiver serves.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    normals: Vec3,
+    reflected: f32,
+    roughness: f32,
+    f0: f32,
+    f90: f32,
+    specular: f32,
+}
+
+/// Gives every receiver the mean shading normal and the mean gloss of the samples it serves, weighted by what these reflect.
+fn average(points: &mut [Receiver], view: &ViewSamples, of_quads: &[u32]) {
+    let mut sums = vec![Sums::default(); points.len()];
     for (sample, &receiver) in view.quads.iter().zip(of_quads) {
-        if let Some((normals, weights)) = sums.get_mut(receiver as usize) {
-            let weight = sample.diffuse.get().element_sum();
-            *normals += sample.shading_normal.get() * weight;
-            *weights += weight;
+        if let Some(sums) = sums.get_mut(receiver as usize) {
+            let surface = sample.surface();
+            let f0 = surface.specular_f0.element_sum() / 3.0;
+            let reflected = surface.diffuse_albedo.element_sum() / 3.0 + f0;
+            sums.normals += surface.shading_normal * reflected;
+            sums.reflected += reflected;
+            sums.roughness += surface.roughness * f0;
+            sums.f0 += f0 * f0;
+            sums.f90 += surface.specular_f90 * f0;
+            sums.specular += f0;
         }
     }
-    for (point, (normals, weights)) in points.iter_mut().zip(sums) {
-        if weights > 0.0 {
-            point.shading_normal = normals.normalize_or(point.shading_normal);
+    for (point, sums) in points.iter_mut().zip(sums) {
+        if sums.reflected > 0.0 {
+            point.shading_normal = sums.normals.normalize_or(point.shading_normal);
+        }
+        if sums.specular > 0.0 {
+            let share = 1.0 / sums.specular;
+            point.gloss.roughness = sums.roughness * share;
+            (point.gloss.f0, point.gloss.f90) = (sums.f0 * share, sums.f90 * share);
         }
     }
 }

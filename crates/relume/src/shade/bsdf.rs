@@ -2,9 +2,10 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
 
-use super::ggx::{distribution, reflection_density, sample_visible_normal, schlick, visibility};
+use super::ggx::{distribution, reflection_density, schlick, visibility};
+use super::lobe::reflected;
 use super::{DIELECTRIC_F0, Surface, energy};
-use crate::trace::sampling::{cosine_hemisphere, tangents};
+use crate::trace::sampling::cosine_hemisphere;
 
 /// Shading by glTF's metallic-roughness model: a diffuse lobe `k_d / pi` and a GGX lobe with height-correlated
 /// Smith masking and Schlick's Fresnel.
@@ -125,7 +126,8 @@ impl Bsdf {
     /// falls below a horizon, which happens with the rest of [`Self::density`]'s probability.
     pub fn sample(&self, choice: f32, sample: Vec2) -> Option<BsdfSample> {
         let direction = if choice < self.specular_share {
-            self.reflect(sample)
+            let alpha = self.surface.roughness * self.surface.roughness;
+            reflected(self.surface.shading_normal, self.view, self.cos_view, alpha, sample)
         } else {
             cosine_hemisphere(self.surface.shading_normal, sample)
         };
@@ -136,16 +138,6 @@ impl Bsdf {
             weight: value / density,
             density,
         })
-    }
-
-    fn reflect(&self, sample: Vec2) -> Vec3 {
-        let normal = self.surface.shading_normal;
-        let (tangent, bitangent) = tangents(normal);
-        let local = Vec3::new(self.view.dot(tangent), self.view.dot(bitangent), self.cos_view.max(1e-4));
-        let alpha = self.surface.roughness * self.surface.roughness;
-        let half = sample_visible_normal(local.normalize(), alpha, sample);
-        let half = tangent * half.x + bitangent * half.y + normal * half.z;
-        (half * (2.0 * self.view.dot(half)) - self.view).normalize_or(normal)
     }
 }
 

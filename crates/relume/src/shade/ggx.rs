@@ -15,7 +15,7 @@ pub(super) fn distribution(cos_half: f32, sin2_half: f32, alpha: f32) -> f32 {
 }
 
 /// `sqrt(alpha^2 + (1 - alpha^2) cos^2)`: the root in every Smith term.
-fn smith_root(cos: f32, alpha: f32) -> f32 {
+pub(super) fn smith_root(cos: f32, alpha: f32) -> f32 {
     let alpha2 = alpha * alpha;
     (alpha2 + (1.0 - alpha2) * cos * cos).sqrt()
 }

@@ -8,10 +8,13 @@ mod bsdf;
 mod energy;
 mod ggx;
 mod light;
+mod lobe;
 mod surface;
 
 pub use bsdf::{Bsdf, BsdfSample};
 pub use light::{LightSample, PreparedLight, needs_samples, sample, shadow_ray};
+pub(crate) use lobe::LobeTerms;
+pub use lobe::SpecularLobe;
 pub use surface::{DIELECTRIC_F0, MIN_ROUGHNESS, Surface, surface_at, surface_on_triangle};
 
 /// Warms the one table that shading reads (about 10 ms, once a process), so that no frame pays for it.

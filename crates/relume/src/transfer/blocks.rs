@@ -2,7 +2,8 @@
 
 use glam::Vec3;
 
-use crate::sample::{GatherCloud, GatherSample, Receiver, cluster_order};
+use crate::sample::{GatherCloud, GatherSample, Gloss, Receiver, cluster_order};
+use crate::shade::SpecularLobe;
 use crate::trace::sampling::hash;
 use crate::transfer::tiles::{GatherPoint, TILE};
 
@@ -14,6 +15,11 @@ pub(super) struct Blocks {
     pub(super) owners: Vec<u32>,
 }
 
+fn lobe(receiver: &Receiver) -> Option<SpecularLobe> {
+    let Gloss { view, roughness, f0, f90 } = receiver.gloss;
+    SpecularLobe::new(receiver.shading_normal, view, roughness, f0, f90)
+}
+
 /// Runs of `length` receivers that lie close together and face alike; the last may be shorter.
 pub(super) fn of_receivers(receivers: &[Receiver], length: usize, seed: u32) -> Blocks {
     let point = |(index, receiver): (usize, &Receiver)| GatherPoint {
@@ -21,6 +27,7 @@ pub(super) fn of_receivers(receivers: &[Receiver], length: usize, seed: u32) -> 
         shading_normal: receiver.shading_normal,
         geometric_normal: receiver.geometric_normal,
         seed: hash(index as u32, seed),
+        lobe: lobe(receiver),
     };
     let points: Vec<GatherPoint> = receivers.iter().enumerate().map(point).collect();
     let low = points.iter().fold(Vec3::INFINITY, |low, point| low.min(point.position));
@@ -40,6 +47,7 @@ pub(super) fn of_cloud(cloud: &GatherCloud, length: usize, seed: u32) -> Blocks 
         shading_normal: sample.normal,
         geometric_normal: sample.normal,
         seed: hash(index as u32, seed ^ 0x5bd1_e995),
+        lobe: None,
     };
     Blocks {
         points: cloud.samples.iter().enumerate().map(point).collect(),

@@ -30,7 +30,7 @@ use crate::{Error, Result, atomic_write};
 
 /// Version of the file format. A file of another version is refused: preparing again takes minutes, guessing at old
 /// files costs trust.
-pub const FORMAT_VERSION: u32 = 4;
+pub const FORMAT_VERSION: u32 = 5;
 
 const KEY: &str = "relume";
 
@@ -43,6 +43,7 @@ struct Header {
     height: usize,
     camera: [f32; 3],
     gather: OperatorHeader,
+    glossy: Option<OperatorHeader>,
     bounce: OperatorHeader,
     masks: Vec<MaskHeader>,
     /// xxh3 of each tensor's bytes, in hexadecimal.
@@ -137,6 +138,9 @@ impl Transfer {
         tensors.add("cloud.samples", Dtype::U8, &[64], &self.cloud.samples);
         tensors.add("cloud.sub_samples", Dtype::U8, &[24], &self.cloud.sub_samples);
         tensors.add_operator("gather", &self.gather);
+        if let Some(glossy) = &self.glossy {
+            tensors.add_operator("glossy", glossy);
+        }
         tensors.add_operator("bounce", &self.bounce);
         let occluders = &self.occluders;
         tensors.add("occluders.positions", Dtype::F32, &[3], &occluders.positions);
@@ -162,6 +166,7 @@ impl Transfer {
             height: self.view.height,
             camera: self.view.camera.to_array(),
             gather: OperatorHeader::new(&self.gather),
+            glossy: self.glossy.as_ref().map(OperatorHeader::new),
             bounce: OperatorHeader::new(&self.bounce),
             masks: self.occluders.masks.masks.iter().map(MaskHeader::new).collect(),
             checksums: tensors.0.par_iter().map(checksum).collect(),
@@ -394,6 +399,11 @@ impl<'a> Opened<'a> {
     fn transfer(self) -> Result<Transfer> {
         let (view, cloud) = (self.view()?, self.cloud()?);
         let gather = self.operator("gather", &self.header.gather, cloud.len())?;
+        let glossy = self.header.glossy.as_ref();
+        let glossy = glossy.map(|header| self.operator("glossy", header, cloud.len())).transpose()?;
+        if glossy.as_ref().is_some_and(|glossy| glossy.rows != gather.rows) {
+            return Err(self.refuse("glossy"));
+        }
         let bounce = self.operator("bounce", &self.header.bounce, cloud.len())?;
         if bounce.rows != cloud.len() {
             return Err(self.refuse("bounce"));
@@ -414,6 +424,7 @@ impl<'a> Opened<'a> {
             view,
             cloud,
             gather,
+            glossy,
             bounce,
             rows_of_centers,
             rows_of_quads,

@@ -32,9 +32,36 @@ pub(super) enum Encoder<'a> {
     HaarRows { per_row: usize },
 }
 
-/// An operator and what it took.
+/// The reflectance that the price of a byte is meant for: what a diffuse row says is multiplied by about this.
+const USUAL_REFLECTANCE: f32 = 0.5;
+
+impl Encoder<'_> {
+    /// The encoder of rows along the specular lobes of `points`: bytes are worth what the lobes reflect.
+    fn for_lobes_of(self, points: &[GatherPoint]) -> Self {
+        let Self::LowRank { mut settings, prior } = self else { return self };
+        let square = |point: &GatherPoint| point.lobe.map_or(0.0, |lobe| lobe.reflectance().powi(2));
+        let mean = points.iter().map(square).sum::<f32>() / points.len().max(1) as f32;
+        settings.price *= USUAL_REFLECTANCE * USUAL_REFLECTANCE / mean.max(1e-8);
+        Self::LowRank { settings, prior }
+    }
+}
+
+/// How operators are computed: estimated and stored.
+#[derive(Clone, Copy)]
+pub(super) struct Plan<'a> {
+    pub(super) estimator: RowEstimator<'a>,
+    pub(super) encoder: Encoder<'a>,
+    /// Also the operator along the points' specular lobes.
+    pub(super) glossy: bool,
+    /// Columns: cells of the cloud.
+    pub(super) count: usize,
+}
+
+/// Operators and what they took.
 pub(super) struct Computed {
     pub(super) operator: Operator,
+    /// Along specular lobes, where it was asked for.
+    pub(super) glossy: Option<Operator>,
     pub(super) rays: u64,
 }
 
@@ -51,14 +78,15 @@ enum EncodedBlock {
     HaarRows(haar_rows::EncodedRows),
 }
 
-/// Computes the operator that gathers from `count` cells at the points of `blocks`.
-pub(super) fn compute(
-    estimator: RowEstimator<'_>,
-    encoder: Encoder<'_>,
-    count: usize,
-    blocks: &Blocks,
-    progress: &dyn Progress,
-) -> Result<Computed> {
+/// A block of rows of both operators.
+struct Done {
+    diffuse: EncodedBlock,
+    glossy: Option<EncodedBlock>,
+    rays: u64,
+}
+
+/// Computes the operators that gather at the points of `blocks`.
+pub(super) fn compute(plan: Plan<'_>, blocks: &Blocks, progress: &dyn Progress) -> Result<Computed> {
     let mut runs = Vec::with_capacity(blocks.lengths.len());
     let mut rest = &blocks.points[..];
     for &length in &blocks.lengths {
@@ -67,24 +95,28 @@ pub(super) fn compute(
         rest = after;
     }
     let workplaces = Workplaces::default();
-    let encoded: Vec<(EncodedBlock, u64)> = runs
+    let done: Vec<Done> = runs
         .into_par_iter()
         .with_max_len(1)
         .map(|points| {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }
-            let encoded = workplaces.with(|workplace| {
-                let rays = workplace.estimate(estimator, count, points);
-                (workplace.encode(encoder, count, points.len()), rays)
-            });
+            let done = workplaces.with(|workplace| workplace.run(plan, points));
             progress.advance(points.len() as u64);
-            Ok(encoded)
+            Ok(done)
         })
         .collect::<Result<_>>()?;
-    let rays = encoded.iter().map(|(_, rays)| rays).sum();
-    let operator = assemble(encoded, encoder, blocks.points.len(), count);
-    Ok(Computed { operator, rays })
+    let rays = done.iter().map(|block| block.rays).sum();
+    let (mut diffuse, mut glossy) = (Vec::new(), Vec::new());
+    for block in done {
+        diffuse.push(block.diffuse);
+        glossy.extend(block.glossy);
+    }
+    let rows = blocks.points.len();
+    let operator = assemble(diffuse, plan.encoder, rows, plan.count);
+    let glossy = plan.glossy.then(|| assemble(glossy, plan.encoder, rows, plan.count));
+    Ok(Computed { operator, glossy, rays })
 }
 
 /// Those that no thread uses at the moment.
@@ -104,17 +136,44 @@ impl Workplaces {
 }
 
 impl Workplace {
-    fn estimate(&mut self, estimator: RowEstimator<'_>, count: usize, points: &[GatherPoint]) -> u64 {
-        self.rows.clear();
-        self.rows.resize(points.len() * count, 0.0);
-        match estimator {
+    fn run(&mut self, plan: Plan<'_>, points: &[GatherPoint]) -> Done {
+        let mut rays = self.estimate(plan, points);
+        let diffuse = self.encode(plan.encoder, plan.count, points.len());
+        let glossy = plan.glossy.then(|| {
+            rays += self.estimate_glossy(plan, points);
+            self.encode(plan.encoder.for_lobes_of(points), plan.count, points.len())
+        });
+        Done { diffuse, glossy, rays }
+    }
+
+    fn estimate(&mut self, plan: Plan<'_>, points: &[GatherPoint]) -> u64 {
+        self.clear(points.len() * plan.count);
+        match plan.estimator {
             RowEstimator::Balanced(source) => source.block(points, &mut self.rows, &mut self.scratch),
             RowEstimator::Paper(source) => points
                 .iter()
-                .zip(self.rows.chunks_exact_mut(count))
+                .zip(self.rows.chunks_exact_mut(plan.count))
                 .map(|(point, row)| source.row(point, row))
                 .sum(),
         }
+    }
+
+    /// The glossy rows of the points that [`Self::estimate`] was last called for.
+    fn estimate_glossy(&mut self, plan: Plan<'_>, points: &[GatherPoint]) -> u64 {
+        self.clear(points.len() * plan.count);
+        match plan.estimator {
+            RowEstimator::Balanced(source) => source.glossy_block(points, &mut self.rows, &mut self.scratch),
+            RowEstimator::Paper(source) => points
+                .iter()
+                .zip(self.rows.chunks_exact_mut(plan.count))
+                .map(|(point, row)| source.glossy_row(point, row))
+                .sum(),
+        }
+    }
+
+    fn clear(&mut self, length: usize) {
+        self.rows.clear();
+        self.rows.resize(length, 0.0);
     }
 
     /// Replaces the rows by their Haar coefficients, weighted by the prior if there is one.
@@ -142,10 +201,10 @@ impl Workplace {
     }
 }
 
-fn assemble(blocks: Vec<(EncodedBlock, u64)>, encoder: Encoder<'_>, rows: usize, count: usize) -> Operator {
+fn assemble(blocks: Vec<EncodedBlock>, encoder: Encoder<'_>, rows: usize, count: usize) -> Operator {
     let (mut low_rank, mut haar_rows) = (Vec::new(), Vec::new());
     let (mut energy, mut lost) = (Vec::new(), Vec::new());
-    for (block, _) in blocks {
+    for block in blocks {
         match block {
             EncodedBlock::LowRank(block) => {
                 add(&mut energy, &block.energy);

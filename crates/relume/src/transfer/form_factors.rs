@@ -41,6 +41,11 @@ impl Patches {
         self.areas[patch]
     }
 
+    /// Where form factors are taken: the middle of the patch, and its normal times `area / pi`.
+    pub(super) fn placed(&self, patch: usize) -> ([f32; 3], [f32; 3]) {
+        ([self.x[patch], self.y[patch], self.z[patch]], [self.nx[patch], self.ny[patch], self.nz[patch]])
+    }
+
     /// A point of the patch, chosen at random by `random`: where a shadow ray to it ends.
     pub(super) fn target(&self, patch: usize, random: u32) -> Vec3 {
         self.targets[patch * TARGETS + random as usize % TARGETS]

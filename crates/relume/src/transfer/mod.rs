@@ -13,6 +13,7 @@ mod compute;
 mod faint;
 mod form_factors;
 mod gemm;
+mod glossy_rows;
 pub mod haar;
 pub mod haar_rows;
 pub mod low_rank;
@@ -48,6 +49,9 @@ pub struct Transfer {
     pub cloud: GatherCloud,
     /// `F_d`: from light on the cloud to the receivers of the view samples, one row each.
     pub gather: Operator,
+    /// `F_g`: the same along the specular lobes of the receivers, as a share of what these reflect. The same rows; `None` where it
+    /// was left out.
+    pub glossy: Option<Operator>,
     /// From light on the cloud to the cloud itself; albedo is applied outside. One row a gather sample.
     pub bounce: Operator,
     /// The row of `gather` that each of the view's centres takes its light from; [`Receivers::NONE`] where nothing reflects.
@@ -77,6 +81,8 @@ pub struct Report {
     pub rays_per_gather_sample: f64,
     /// Expected relative error of the final gather's encoding alone.
     pub gather_error: f64,
+    /// The same of the reflections along specular lobes.
+    pub glossy_error: Option<f64>,
     /// The same of the bounces' encoding.
     pub bounce_error: f64,
 }
@@ -91,9 +97,10 @@ pub struct Timings {
 }
 
 impl Transfer {
-    /// Bytes of both operators a pixel of the image.
+    /// Bytes of all operators a pixel of the image.
     pub fn bytes_per_pixel(&self) -> f64 {
-        (self.gather.bytes() + self.bounce.bytes()) as f64 / self.view.pixels().max(1) as f64
+        let glossy = self.glossy.as_ref().map_or(0, Operator::bytes);
+        (self.gather.bytes() + glossy + self.bounce.bytes()) as f64 / self.view.pixels().max(1) as f64
     }
 
     /// Pixels whose centre reflects light.

@@ -3,6 +3,8 @@
 //! The cluster tree is cut where a cluster's squared diagonal over its squared distance falls below a threshold; a
 //! random sample of the cluster speaks for all of it; entries are at most 0.1.
 
+use std::f32::consts::{FRAC_1_PI, PI};
+
 use glam::Vec3;
 
 use super::tiles::GatherPoint;
@@ -44,8 +46,19 @@ pub(super) struct PaperRows<'a> {
 }
 
 impl PaperRows<'_> {
-    /// Fills one row, all zero on entry. Returns the number of rays.
+    /// Fills one row of the diffuse final gather, all zero on entry. Returns the number of rays.
     pub(super) fn row(&self, point: &GatherPoint, row: &mut [f32]) -> u64 {
+        self.row_of(point, |direction| point.shading_normal.dot(direction).max(0.0) * FRAC_1_PI, row)
+    }
+
+    /// The same of the glossy final gather: "the subdivision threshold will depend on the value of the lobe".
+    pub(super) fn glossy_row(&self, point: &GatherPoint, row: &mut [f32]) -> u64 {
+        let Some(lobe) = point.lobe else { return 0 };
+        self.row_of(point, |direction| lobe.response(direction), row)
+    }
+
+    /// `response` is the BRDF times the cosine towards a unit direction.
+    fn row_of(&self, point: &GatherPoint, response: impl Fn(Vec3) -> f32, row: &mut [f32]) -> u64 {
         let mut rays = 0;
         let mut waiting = vec![(self.bounds.levels.len() - 1, 0_usize)];
         while let Some((level, cluster)) = waiting.pop() {
@@ -53,8 +66,9 @@ impl PaperRows<'_> {
             if is_below(low, high, point) {
                 continue;
             }
-            let distance = point.position.distance_squared(0.5 * (low + high));
-            if level > 0 && low.distance_squared(high) > self.threshold * distance {
+            let middle = 0.5 * (low + high) - point.position;
+            let peak = (response(middle.normalize_or_zero()) * PI).max(1.0);
+            if level > 0 && low.distance_squared(high) * peak > self.threshold * middle.length_squared() {
                 waiting.extend((0..4).map(|child| (level - 1, 4 * cluster + child)));
                 continue;
             }
@@ -65,8 +79,9 @@ impl PaperRows<'_> {
             let sample = &self.cloud.samples[chosen];
             let between = sample.position - point.position;
             let square = between.length_squared().max(1e-12);
-            let cosines = point.shading_normal.dot(between).max(0.0) * (-sample.normal.dot(between)).max(0.0);
-            let factor = cosines * sample.area / (std::f32::consts::PI * square * square);
+            let direction = between / square.sqrt();
+            let facing = (-sample.normal.dot(direction)).max(0.0);
+            let factor = response(direction) * facing * sample.area / square;
             if factor > 0.0 {
                 rays += 1;
                 let origin = offset_origin(point.position, point.geometric_normal);

@@ -5,7 +5,7 @@ use std::time::Instant;
 use glam::Vec2;
 use xxhash_rust::xxh3::Xxh3;
 
-use super::compute::{self, Computed, Encoder, RowEstimator};
+use super::compute::{self, Computed, Encoder, Plan, RowEstimator};
 use super::form_factors::Patches;
 use super::low_rank::LowRankSettings;
 use super::paper_rows::{ClusterBounds, PaperRows};
@@ -60,6 +60,8 @@ pub struct Settings {
     pub encoding: Encoding,
     /// How rows are estimated.
     pub rows: RowMethod,
+    /// Whether surfaces also show reflections of indirect light, along their specular lobes.
+    pub glossy: bool,
     /// Coefficients a row of `haar-rows`; the paper keeps 100.
     pub coefficients: usize,
     /// Of all random numbers.
@@ -76,6 +78,7 @@ impl Default for Settings {
             quality: Quality::Standard,
             encoding: Encoding::LowRank,
             rows: RowMethod::Balanced,
+            glossy: true,
             coefficients: 100,
             seed: 0,
         }
@@ -106,6 +109,7 @@ impl Quality {
             hemisphere_rays,
             tile_rays,
             faint,
+            lobe_rays: hemisphere_rays,
             spread: Spread { tile, tent },
         };
         let low_rank = |rank, kept, price| LowRankSettings { rank, kept, price };
@@ -219,6 +223,7 @@ impl<'a> Preparation<'a> {
             rays_per_pixel: gather.rays as f64 / lit,
             rays_per_gather_sample: bounce.rays as f64 / cloud.len() as f64,
             gather_error: gather.operator.expected_error,
+            glossy_error: gather.glossy.as_ref().map(|glossy| glossy.expected_error),
             bounce_error: bounce.operator.expected_error,
         };
         let occluders = Occluders::new(&geometry, accel.masks());
@@ -229,6 +234,7 @@ impl<'a> Preparation<'a> {
             view,
             cloud,
             gather: gather.operator,
+            glossy: gather.glossy,
             bounce: bounce.operator,
             rows_of_centers: rows(&receivers.of_centers),
             rows_of_quads: rows(&receivers.of_quads),
@@ -370,7 +376,8 @@ impl Shot<'_> {
             let encoder = encoder(effort.bounce_encoding, prior.as_ref(), share);
             let rows = blocks::of_cloud(cloud, (count / 64).clamp(BOUNCE_BLOCK.0, BOUNCE_BLOCK.1), seed);
             progress.stage("bounces", rows.points.len() as u64);
-            compute::compute(estimator(effort.bounce_rows), encoder, count, &rows, progress)?
+            let estimator = estimator(effort.bounce_rows);
+            compute::compute(Plan { estimator, encoder, glossy: false, count }, &rows, progress)?
         };
         let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
         drop(lights);
@@ -384,7 +391,8 @@ impl Shot<'_> {
             gather_rows.faint *= FAINT_ALONE;
         }
         progress.stage("final gather", rows.points.len() as u64);
-        let gather = compute::compute(estimator(gather_rows), encoder, count, &rows, progress)?;
+        let plan = Plan { estimator: estimator(gather_rows), encoder, glossy: self.settings.glossy, count };
+        let gather = compute::compute(plan, &rows, progress)?;
         Ok((gather, bounce, rows.owners))
     }
 

@@ -51,6 +51,8 @@ pub(super) struct RowSettings {
     /// Clusters of cells whose form factors add up to less than this, in the mean over the tile, are answered for by one of
     /// their cells. Larger spends fewer rays and leaves more noise.
     pub(super) faint: f32,
+    /// Rays along the specular lobe of a point that has one; points of small tiles send more, as above.
+    pub(super) lobe_rays: usize,
     /// What counts as near.
     pub(super) spread: Spread,
 }
@@ -65,47 +67,63 @@ pub(super) struct RowSource<'a> {
     pub(super) settings: RowSettings,
 }
 
-/// Scratch memory of one thread.
+/// Scratch memory of one thread, and what the points of the last block saw.
 #[derive(Default)]
 pub(super) struct RowScratch {
-    rays: Vec<Ray>,
+    pub(super) rays: Vec<Ray>,
     blocked: Vec<bool>,
-    hits: Vec<Hit>,
+    pub(super) hits: Vec<Hit>,
+    pub(super) tiling: Tiling,
+    /// Hemisphere hits of all tiles, tile by tile.
+    pub(super) found: Vec<Found>,
+    /// Where each tile's end, and how many rays each of its points sent.
+    pub(super) found_ends: Vec<(usize, usize)>,
     /// Which cell of the chunk a visibility ray goes to, and what its form factor counts for if it is seen.
     asked: Vec<(u32, f32)>,
     /// Unshadowed form factors of a chunk of cells, a row a point.
     factors: Vec<f32>,
     /// Their sums over the tiles, a row a tile.
     shares: Vec<f32>,
-    /// Cells of the chunk that tiles see, tile by tile; more than one for a cell that stands for others.
+    /// Cells of the chunks, numbered within them, that tiles see, chunk by chunk and tile by tile; more than one for a cell that
+    /// stands for others.
     seen: Vec<(u32, f32)>,
-    /// Where each tile's end.
+    /// Where each tile's end in each chunk.
     ends: Vec<usize>,
     /// Visibility from one point, one a cell of the chunk, times what it is divided by:
-    visible: Vec<f32>,
+    pub(super) visible: Vec<f32>,
     /// the weight of the tiles that were asked.
-    told: Vec<f32>,
+    pub(super) told: Vec<f32>,
+}
+
+/// A cell that a ray hit, and where.
+#[derive(Clone, Copy)]
+pub(super) struct Found {
+    pub(super) cell: u32,
+    pub(super) position: Vec3,
+    /// Unit, towards where the ray came from.
+    pub(super) normal: Vec3,
 }
 
 /// The points of a tile, as structure of arrays.
-struct Tile<'a> {
+pub(super) struct Tile<'a> {
     /// Their numbers in the block.
-    members: &'a [u32],
-    points: Vec<&'a GatherPoint>,
-    x: [Vec<f32>; 3],
+    pub(super) members: &'a [u32],
+    pub(super) points: Vec<&'a GatherPoint>,
+    pub(super) x: [Vec<f32>; 3],
     /// Shading normals.
-    n: [Vec<f32>; 3],
+    pub(super) n: [Vec<f32>; 3],
 }
 
 /// A chunk of cells.
 #[derive(Clone, Copy)]
-struct Chunk {
-    first: usize,
-    width: usize,
+pub(super) struct Chunk {
+    number: usize,
+    pub(super) first: usize,
+    pub(super) width: usize,
 }
 
 impl<'a> Tile<'a> {
-    fn new(points: &'a [GatherPoint], members: &'a [u32]) -> Self {
+    pub(super) fn new(points: &'a [GatherPoint], members: &'a [u32]) -> Self {
         let points: Vec<&GatherPoint> = members.iter().map(|&member| &points[member as usize]).collect();
         let axes = |of: &dyn Fn(&GatherPoint) -> Vec3| {
             std::array::from_fn(|axis| points.iter().map(|point| of(point)[axis]).collect())
@@ -121,7 +139,7 @@ impl<'a> Tile<'a> {
 
 impl Chunk {
     /// Its part of row `row` of a matrix with a column a cell of the chunk.
-    fn row(self, row: usize) -> Range<usize> {
+    pub(super) fn row(self, row: usize) -> Range<usize> {
         row * self.width..(row + 1) * self.width
     }
 }
@@ -134,17 +152,31 @@ impl RowSource<'_> {
         let mut rays = scratch.rays.len() as u64;
         let tiling = Tiling::new(points, &clearances, self.settings.spread);
         let tiles: Vec<Tile<'_>> = tiling.tiles.iter().map(|members| Tile::new(points, members)).collect();
+        scratch.found.clear();
+        scratch.found_ends.clear();
+        scratch.seen.clear();
+        scratch.ends.clear();
         for tile in &tiles {
             rays += self.add_hits(tile, rows, scratch);
         }
-        let count = self.patches.len();
-        for first in (0..count).step_by(CHUNK) {
-            let chunk = Chunk { first, width: CHUNK.min(count - first) };
+        for chunk in self.chunks() {
             self.form_factors(points, &tiles, chunk, scratch);
             rays += self.look(&tiles, chunk, points[0].seed, scratch);
             self.add_form_factors(&tiles, &tiling, chunk, rows, scratch);
         }
+        drop(tiles);
+        scratch.tiling = tiling;
         rays
+    }
+
+    /// All cells, in chunks.
+    pub(super) fn chunks(&self) -> impl Iterator<Item = Chunk> + use<> {
+        let count = self.patches.len();
+        (0..count).step_by(CHUNK).enumerate().map(move |(number, first)| Chunk {
+            number,
+            first,
+            width: CHUNK.min(count - first),
+        })
     }
 
     /// The harmonic mean distance of what each point sees, metres.
@@ -169,8 +201,7 @@ impl RowSource<'_> {
 
     /// The hemisphere rays' share of a tile.
     fn add_hits(&self, tile: &Tile<'_>, rows: &mut [f32], scratch: &mut RowScratch) -> u64 {
-        let of_tile = self.settings.tile_rays.div_ceil(tile.points.len());
-        let each = of_tile.clamp(self.settings.hemisphere_rays, 16 * self.settings.hemisphere_rays);
+        let each = self.rays_each(tile, self.settings.hemisphere_rays);
         scratch.rays.clear();
         for point in &tile.points {
             let origin = point.origin();
@@ -187,10 +218,10 @@ impl RowSource<'_> {
         let mut geometry_terms = [0.0; TILE];
         let terms = &mut geometry_terms[..tile.points.len()];
         for (ray, hit) in scratch.rays.iter().zip(&scratch.hits) {
-            let Some(cell) = self.map.sample_at(self.geometry, hit, ray.direction) else { continue };
-            let area_vector = self.geometry.area_vector(hit.triangle as usize).normalize_or_zero();
-            let normal = if area_vector.dot(ray.direction) > 0.0 { -area_vector } else { area_vector };
-            let total = geometry_factors(tile, ray.origin + ray.direction * hit.t, normal, terms);
+            let Some(found) = self.found(ray, hit) else { continue };
+            scratch.found.push(found);
+            let cell = found.cell as usize;
+            let total = geometry_factors(tile, found.position, found.normal, terms);
             if total <= 0.0 {
                 continue;
             }
@@ -202,11 +233,26 @@ impl RowSource<'_> {
                 rows[member as usize * count + cell] += weight * term;
             }
         }
+        scratch.found_ends.push((scratch.found.len(), each));
         scratch.rays.len() as u64
     }
 
+    /// The cell that a ray hit.
+    pub(super) fn found(&self, ray: &Ray, hit: &Hit) -> Option<Found> {
+        let cell = self.map.sample_at(self.geometry, hit, ray.direction)?;
+        let area_vector = self.geometry.area_vector(hit.triangle as usize).normalize_or_zero();
+        let normal = if area_vector.dot(ray.direction) > 0.0 { -area_vector } else { area_vector };
+        Some(Found { cell: cell as u32, position: ray.origin + ray.direction * hit.t, normal })
+    }
+
+    /// How many rays each point of a tile sends where it sends `least` in the open.
+    pub(super) fn rays_each(&self, tile: &Tile<'_>, least: usize) -> usize {
+        let of_tile = self.settings.tile_rays.div_ceil(tile.points.len());
+        of_tile.clamp(least, 16 * least)
+    }
+
     /// Unshadowed form factors of a chunk of cells, and their sums over the tiles.
-    fn form_factors(
+    pub(super) fn form_factors(
         &self,
         points: &[GatherPoint],
         tiles: &[Tile<'_>],
@@ -231,8 +277,6 @@ impl RowSource<'_> {
     /// tile together.
     fn look(&self, tiles: &[Tile<'_>], chunk: Chunk, block_seed: u32, scratch: &mut RowScratch) -> u64 {
         let mut rays = 0;
-        scratch.seen.clear();
-        scratch.ends.clear();
         for (number, tile) in tiles.iter().enumerate() {
             self.ask(tile, (number, block_seed), chunk, scratch);
             scratch.rays.clear();
@@ -292,30 +336,66 @@ impl RowSource<'_> {
         rows: &mut [f32],
         scratch: &mut RowScratch,
     ) {
-        let RowScratch { factors, shares, seen, ends, visible, told, .. } = scratch;
-        let seen_by = |tile: usize| &seen[tile.checked_sub(1).map_or(0, |before| ends[before])..ends[tile]];
-        visible.resize(chunk.width, 0.0);
-        told.resize(chunk.width, 0.0);
+        scratch.visible.resize(chunk.width, 0.0);
+        scratch.told.resize(chunk.width, 0.0);
         for (number, tile) in tiles.iter().enumerate() {
             for &member in tile.members {
+                scratch.see(tiling, chunk, member as usize);
+                let RowScratch { factors, shares, visible, told, .. } = &*scratch;
                 let factors = &factors[chunk.row(member as usize)];
-                visible.fill(0.0);
-                told.fill(0.0);
-                for &(near, weight) in &tiling.near[member as usize] {
-                    let shares = &shares[chunk.row(near as usize)];
-                    add_where_asked(told, factors, shares, weight);
-                    for &(cell, counts) in seen_by(near as usize) {
-                        if is_asked(factors[cell as usize], shares[cell as usize]) {
-                            visible[cell as usize] += weight * counts;
-                        }
-                    }
-                }
                 let row = &mut rows[member as usize * self.patches.len() + chunk.first..][..chunk.width];
                 let shares = &shares[chunk.row(number)];
                 add_balanced(row, factors, shares, (visible, told), tile.balance());
             }
         }
     }
+}
+
+impl RowScratch {
+    /// What the tiles near a point told of a chunk, whose form factors are at hand: visibility of its cells from the point.
+    pub(super) fn see(&mut self, tiling: &Tiling, chunk: Chunk, member: usize) {
+        let Self { factors, shares, seen, ends, visible, told, .. } = self;
+        let factors = &factors[chunk.row(member)];
+        visible.fill(0.0);
+        told.fill(0.0);
+        for &(near, weight) in &tiling.near[member] {
+            let shares = &shares[chunk.row(near as usize)];
+            add_where_asked(told, factors, shares, weight);
+            for &(cell, counts) in seen_by(seen, ends, chunk.number * tiling.tiles.len() + near as usize) {
+                if is_asked(factors[cell as usize], shares[cell as usize]) {
+                    visible[cell as usize] += weight * counts;
+                }
+            }
+        }
+    }
+
+    /// The cells of a chunk that the tiles near any of a tile's points see, in no order, some more than once.
+    pub(super) fn seen_near<'a>(
+        &'a self,
+        tiling: &'a Tiling,
+        chunk: Chunk,
+        members: &'a [u32],
+    ) -> impl Iterator<Item = u32> + 'a {
+        let mut near: Vec<u32> = members
+            .iter()
+            .flat_map(|&member| tiling.near[member as usize].iter().map(|near| near.0))
+            .collect();
+        near.sort_unstable();
+        near.dedup();
+        let look = move |tile: u32| {
+            seen_by(&self.seen, &self.ends, chunk.number * tiling.tiles.len() + tile as usize)
+        };
+        near.into_iter().flat_map(look).map(|&(cell, _)| cell)
+    }
+
+    /// Unshadowed form factors added up over a tile, of the chunk at hand.
+    pub(super) fn shares(&self, chunk: Chunk, tile: usize) -> &[f32] {
+        &self.shares[chunk.row(tile)]
+    }
+}
+
+fn seen_by<'a>(seen: &'a [(u32, f32)], ends: &[usize], place: usize) -> &'a [(u32, f32)] {
+    &seen[place.checked_sub(1).map_or(0, |before| ends[before])..ends[place]]
 }
 
 /// `G_p = cos_p cos_x / (pi r^2)` between every point of the tile and a point `x` with a normal; returns their sum.

@@ -56,6 +56,7 @@ fn penumbra() -> Vec<GatherPoint> {
             shading_normal: Vec3::Y,
             geometric_normal: Vec3::Y,
             seed: hash(index as u32, 1),
+            lobe: None,
         })
         .collect()
 }
@@ -74,7 +75,7 @@ fn lamp_error(room: &Room, points: &[GatherPoint], spread: Spread, faint: f32) -
     let settings = CloudSettings { count: CELLS, method: CloudMethod::Uniform, seed: 0 };
     let (cloud, map) = GatherCloud::new(scene, geometry, accel, &seen, &settings, &()).unwrap();
     let patches = Patches::new(&cloud, &map);
-    let settings = RowSettings { hemisphere_rays: 64, tile_rays: 512, faint, spread };
+    let settings = RowSettings { hemisphere_rays: 64, tile_rays: 512, lobe_rays: 64, faint, spread };
     let source = RowSource { accel, geometry, map: &map, patches: &patches, settings };
     let mut rows = vec![0.0; points.len() * CELLS];
     source.block(points, &mut rows, &mut RowScratch::default());

@@ -8,6 +8,7 @@
 
 use glam::{Mat3, Vec3};
 
+use crate::shade::SpecularLobe;
 use crate::trace::offset_origin;
 
 /// Most points of a tile.
@@ -31,6 +32,8 @@ pub(super) struct GatherPoint {
     pub(super) geometric_normal: Vec3,
     /// Distinguishes the points' random numbers.
     pub(super) seed: u32,
+    /// What it reflects towards the camera, if it has one and reflects any.
+    pub(super) lobe: Option<SpecularLobe>,
 }
 
 impl GatherPoint {
@@ -153,8 +156,13 @@ fn tiles(points: &[GatherPoint], clearances: &[f32], spread: f32) -> Vec<Vec<u32
 mod tests {
     use super::*;
 
-    const HEAD: GatherPoint =
-        GatherPoint { position: Vec3::ZERO, shading_normal: Vec3::Y, geometric_normal: Vec3::Y, seed: 0 };
+    const HEAD: GatherPoint = GatherPoint {
+        position: Vec3::ZERO,
+        shading_normal: Vec3::Y,
+        geometric_normal: Vec3::Y,
+        seed: 0,
+        lobe: None,
+    };
 
     fn tile_count(point: GatherPoint, clearances: [f32; 2]) -> usize {
         Tiling::new(&[HEAD, point], &clearances, Spread { tile: 0.1, tent: 0.2 }).tiles.len()

@@ -83,10 +83,10 @@ The six rigs of the benchmarks, after 1, 2 and 4 bounces:
 /// `--paths`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Truth {
-    /// Those that the diffuse transfer models.
+    /// Those that the transfer models.
     Transfer,
-    /// The same, but the first surface answers to all light by its full BSDF.
-    GlossyTransfer,
+    /// Those that a transfer without reflections models; it is prepared without them.
+    Diffuse,
     /// All that a renderer would show.
     All,
     /// `transfer` and `all`.
@@ -133,6 +133,7 @@ impl Arguments {
             quality: self.quality,
             encoding,
             rows: self.rows,
+            glossy: self.paths != Truth::Diffuse,
             seed: self.seed,
             ..Settings::default()
         }
@@ -142,7 +143,7 @@ impl Arguments {
     pub(crate) fn truths(&self) -> &'static [Paths] {
         match self.paths {
             Truth::Transfer => &[Paths::Transfer],
-            Truth::GlossyTransfer => &[Paths::GlossyTransfer],
+            Truth::Diffuse => &[Paths::DiffuseTransfer],
             Truth::All => &[Paths::All],
             Truth::Both => &[Paths::Transfer, Paths::All],
         }
@@ -185,7 +186,7 @@ pub(crate) fn paths_name(paths: Paths) -> &'static str {
     match paths {
         Paths::All => "all",
         Paths::Transfer => "transfer",
-        Paths::GlossyTransfer => "glossy-transfer",
+        Paths::DiffuseTransfer => "diffuse",
     }
 }
 

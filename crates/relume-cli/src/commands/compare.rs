@@ -38,6 +38,7 @@ pub(crate) struct Arguments {
 
 const EXAMPLE: &str = "\
 Example:
+  relume prepare assets/arcade.glb -o arcade.relume
   relume relight arcade.relume --rig assets/rigs/arcade.toml -o arcade.exr
   relume reference assets/arcade.glb --rig assets/rigs/arcade.toml -o truth.exr --spp 64
   relume compare arcade.exr truth.exr --layer indirect";

@@ -31,8 +31,8 @@ pub(crate) struct Arguments {
 const EXAMPLE: &str = "\
 Example:
   relume info assets/arcade.glb
-The lights stored in a scene, as a rig:
-  relume info scene.glb --rig lights.toml";
+The lights stored in a scene of yours, as a rig:
+  relume info SCENE.glb --rig lights.toml";
 
 pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let file = &arguments.file;

@@ -3,6 +3,7 @@ use std::process::Stdio;
 use relume::glam::Vec3;
 use relume_io::{load_rig, read_exr, read_png};
 
+use crate::examples::try_what_is_told;
 use crate::support::{SMALL, Workplace, numbers, shared};
 
 #[test]
@@ -215,7 +216,7 @@ fn every_command_helps_with_an_example() {
 
 #[test]
 fn the_demo_does_the_whole_job() {
-    let work = Workplace::new();
+    let work = Workplace::checkout();
     let ran = work.succeed(&["demo", "--out", "shown", "--size", "40x30", "--gather", "1024", "--spp", "8"]);
     for frame in 1..=5 {
         for name in ["relit", "truth"] {
@@ -229,6 +230,7 @@ fn the_demo_does_the_whole_job() {
     assert!(ran.stdout.contains("Prepared in") && ran.stdout.contains("What to try next"), "{}", ran.stdout);
     // What it says to try works.
     work.succeed(&["relight", "shown/arcade.relume", "--rig", "shown/rig-1.toml", "-o", "mine.png"]);
+    try_what_is_told(&work, &ran.stdout);
     assert!(shared("arcade.glb").is_file());
     assert_eq!(work.read("shown/arcade.glb"), std::fs::read(shared("arcade.glb")).unwrap());
 }

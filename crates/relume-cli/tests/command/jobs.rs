@@ -196,6 +196,25 @@ fn progress_is_plain_lines_away_from_a_terminal_and_quiet_on_demand() {
 }
 
 #[test]
+fn comparing_and_looking_say_how_far_they_are() {
+    let work = Workplace::prepared();
+    for output in ["a.exr", "b.exr"] {
+        work.succeed(&["relight", "room.relume", "--rig", "rig.toml", "-o", output]);
+    }
+    let compare = ["compare", "a.exr", "b.exr", "--diff", "diff.png"];
+    for (arguments, stages) in [
+        (&compare[..], &["reading the images", "comparing", "writing the difference"][..]),
+        (&["info", "room.relume"], &["reading the cache"]),
+        (&["info", "room.gltf"], &["reading the scene", "measuring the scene"]),
+    ] {
+        let ran = work.succeed(arguments);
+        assert_eq!(ran.stderr.lines().collect::<Vec<_>>(), stages, "{arguments:?}");
+        let quiet = work.succeed(&[arguments, &["--quiet"]].concat());
+        assert_eq!((quiet.stderr.as_str(), quiet.stdout), ("", ran.stdout), "{arguments:?}");
+    }
+}
+
+#[test]
 fn a_reader_that_goes_away_is_no_failure() {
     let work = Workplace::new();
     let mut child =

@@ -19,7 +19,7 @@ fn load(name: &str) -> Option<TestScene> {
         .unwrap_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/scenes")));
     let path = folder.join(name);
     if !path.is_file() {
-        println!("skipped: no shared scenes");
+        println!("skipped: {} is not there", path.display());
         return None;
     }
     Some(built(&path))

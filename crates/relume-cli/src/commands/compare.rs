@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use relume::glam::Vec3;
-use relume::image::{Comparison, Image, Tonemap, compare};
-use relume::{Error, Result};
+use relume::image::{Comparison, Image, Tonemap, compare_watched};
+use relume::{Error, Progress, Result};
 use relume_io::{ExrImage, read_exr, read_png};
 use serde::Serialize;
 
 use crate::console::Console;
+use crate::interrupt;
 use crate::output::{check_output, ending, stored_number, write_shown};
 use crate::report::{Table, percent};
 
@@ -38,6 +39,7 @@ pub(crate) struct Arguments {
 
 const EXAMPLE: &str = "\
 Example:
+  relume prepare assets/arcade.glb -o arcade.relume
   relume relight arcade.relume --rig assets/rigs/arcade.toml -o arcade.exr
   relume reference assets/arcade.glb --rig assets/rigs/arcade.toml -o truth.exr --spp 64
   relume compare arcade.exr truth.exr --layer indirect";
@@ -84,15 +86,22 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
             "one image is scene-linear and the other as a display shows it; compare two EXR files for figures that mean something",
         );
     }
-    let (mut image, mut reference) = (read(image_path)?, read(reference_path)?);
+    interrupt::listen()?;
+    let progress = console.progress();
+    progress.stage("reading the images", 2);
+    let mut image = read(image_path)?;
+    progress.advance(1);
+    let mut reference = read(reference_path)?;
     let edges = reference.edges.take().or(image.edges.take());
     let reference_noise = stored_number(&reference.attributes, arguments.layer.noise_attribute());
     let image = arguments.layer.of(image, image_path)?;
     let reference = arguments.layer.of(reference, reference_path)?;
-    let comparison = compare(&image, &reference, edges.as_deref())?;
+    let comparison = compare_watched(&image, &reference, edges.as_deref(), &progress)?;
     if let Some(diff) = &arguments.diff {
+        progress.stage("writing the difference", 1);
         write_shown(diff, &difference(&image, &reference), (0.0, Tonemap::Srgb))?;
     }
+    drop(progress);
     let relative_l2_less_noise = reference_noise.map(|noise| less_noise(comparison.relative_l2, noise));
     let figures = Figures {
         image: image_path,

@@ -33,8 +33,8 @@ pub(crate) struct Arguments {
 const EXAMPLE: &str = "\
 Example:
   relume info assets/arcade.glb
-The lights stored in a scene, as a rig:
-  relume info scene.glb --rig lights.toml";
+The lights stored in a scene of yours, as a rig:
+  relume info SCENE.glb --rig lights.toml";
 
 pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let file = &arguments.file;
@@ -42,7 +42,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         if arguments.rig.is_some() {
             return Err(Error::file(file, "is a cache, which holds no lights; give --rig with the scene"));
         }
-        let transfer = Transfer::load(file)?;
+        let transfer = console.stage("reading the cache", || Transfer::load(file))?;
         let shown = CacheContents::new(file, &transfer)?;
         return if arguments.json { console.json(&shown) } else { console.result(&shown.to_string()) };
     }
@@ -55,7 +55,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         let lights = plural(imported.scene.lights.lights.len(), "light", "lights");
         console.notice(&format!("{lights} written to {}", rig.display()));
     }
-    let shown = SceneContents::new(file, &imported);
+    let shown = console.stage("measuring the scene", || Ok(SceneContents::new(file, &imported)))?;
     if arguments.json { console.json(&shown) } else { console.result(&shown.to_string()) }
 }
 

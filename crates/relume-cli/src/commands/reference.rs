@@ -115,7 +115,8 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let camera = scene_file::camera(&imported.scene, arguments.camera.as_deref(), &arguments.scene)?;
     let settings = arguments.settings(camera);
     let began = Instant::now();
-    let mut reference = Tracer::new(&imported.scene).render(&rig, &settings, &console.progress())?;
+    let tracer = Tracer::new(&imported.scene, console)?;
+    let mut reference = tracer.render(&rig, &settings, &console.progress())?;
     if arguments.only == Some(Part::Indirect) {
         keep_indirect(&mut reference);
     }
@@ -176,9 +177,13 @@ pub(super) struct Tracer<'a> {
 }
 
 impl<'a> Tracer<'a> {
-    pub(super) fn new(scene: &'a Scene) -> Self {
-        let geometry = Geometry::new(scene);
-        Self { scene, accel: Accel::new(scene, &geometry), geometry }
+    /// # Errors
+    /// [`relume::Error::Cancelled`] where the command was interrupted before.
+    pub(super) fn new(scene: &'a Scene, console: &Console) -> Result<Self> {
+        console.stage("acceleration structure", || {
+            let geometry = Geometry::new(scene);
+            Ok(Self { scene, accel: Accel::new(scene, &geometry), geometry })
+        })
     }
 
     /// A reference whose geometric edges are marked too.
@@ -192,7 +197,7 @@ impl<'a> Tracer<'a> {
         let mut reference = render(scene, geometry, accel, rig, settings, progress)?;
         let size = (settings.width, settings.height);
         let camera = &scene.cameras[settings.camera];
-        let (view, _) = ViewSamples::new(scene, geometry, accel, camera, size, &())?;
+        let (view, _) = ViewSamples::new(scene, geometry, accel, camera, size, progress)?;
         reference.layers.edges = edge_pixels(&view);
         Ok(reference)
     }
@@ -248,5 +253,51 @@ impl std::fmt::Display for Figures<'_> {
             ),
         );
         write!(f, "{table}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+
+    use super::*;
+    use relume::Error;
+
+    /// Asks to stop as soon as the stage `at` has begun.
+    struct Stopping {
+        at: &'static str,
+        begun: Mutex<Vec<String>>,
+    }
+
+    impl Progress for Stopping {
+        fn stage(&self, name: &str, _: u64) {
+            self.begun.lock().unwrap().push(name.to_owned());
+        }
+
+        fn cancelled(&self) -> bool {
+            self.begun.lock().unwrap().iter().any(|name| name == self.at)
+        }
+    }
+
+    #[test]
+    fn every_pass_of_a_reference_is_told_and_can_be_stopped() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/arcade.glb");
+        let scene = relume_io::load_scene(path.as_ref()).unwrap().scene;
+        let tracer = Tracer::new(&scene, &Console::new(true)).unwrap();
+        let settings = Settings { width: 12, height: 8, spp: 8, ..Settings::default() };
+        let render = |at| {
+            let listener = Stopping { at, begun: Mutex::default() };
+            let outcome = tracer.render(&LightRig::default(), &settings, &listener);
+            (outcome, listener.begun.into_inner().unwrap())
+        };
+        let stages = ["path tracing", "view samples"];
+        let (outcome, begun) = render("none of them");
+        assert_eq!(outcome.unwrap().layers.edges.len(), 96);
+        assert_eq!(begun, stages);
+        for (number, at) in (1..).zip(stages) {
+            let (outcome, begun) = render(at);
+            assert!(matches!(outcome, Err(Error::Cancelled)), "{at}");
+            assert_eq!(begun, stages[..number]);
+        }
     }
 }

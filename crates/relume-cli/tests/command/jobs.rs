@@ -3,6 +3,7 @@ use std::process::Stdio;
 use relume::glam::Vec3;
 use relume_io::{load_rig, read_exr, read_png};
 
+use crate::examples::try_what_is_told;
 use crate::support::{SMALL, Workplace, numbers, shared};
 
 #[test]
@@ -195,6 +196,25 @@ fn progress_is_plain_lines_away_from_a_terminal_and_quiet_on_demand() {
 }
 
 #[test]
+fn comparing_and_looking_say_how_far_they_are() {
+    let work = Workplace::prepared();
+    for output in ["a.exr", "b.exr"] {
+        work.succeed(&["relight", "room.relume", "--rig", "rig.toml", "-o", output]);
+    }
+    let compare = ["compare", "a.exr", "b.exr", "--diff", "diff.png"];
+    for (arguments, stages) in [
+        (&compare[..], &["reading the images", "comparing", "writing the difference"][..]),
+        (&["info", "room.relume"], &["reading the cache"]),
+        (&["info", "room.gltf"], &["reading the scene", "measuring the scene"]),
+    ] {
+        let ran = work.succeed(arguments);
+        assert_eq!(ran.stderr.lines().collect::<Vec<_>>(), stages, "{arguments:?}");
+        let quiet = work.succeed(&[arguments, &["--quiet"]].concat());
+        assert_eq!((quiet.stderr.as_str(), quiet.stdout), ("", ran.stdout), "{arguments:?}");
+    }
+}
+
+#[test]
 fn a_reader_that_goes_away_is_no_failure() {
     let work = Workplace::new();
     let mut child =
@@ -215,7 +235,7 @@ fn every_command_helps_with_an_example() {
 
 #[test]
 fn the_demo_does_the_whole_job() {
-    let work = Workplace::new();
+    let work = Workplace::checkout();
     let ran = work.succeed(&["demo", "--out", "shown", "--size", "40x30", "--gather", "1024", "--spp", "8"]);
     for frame in 1..=5 {
         for name in ["relit", "truth"] {
@@ -229,6 +249,7 @@ fn the_demo_does_the_whole_job() {
     assert!(ran.stdout.contains("Prepared in") && ran.stdout.contains("What to try next"), "{}", ran.stdout);
     // What it says to try works.
     work.succeed(&["relight", "shown/arcade.relume", "--rig", "shown/rig-1.toml", "-o", "mine.png"]);
+    try_what_is_told(&work, &ran.stdout);
     assert!(shared("arcade.glb").is_file());
     assert_eq!(work.read("shown/arcade.glb"), std::fs::read(shared("arcade.glb")).unwrap());
 }

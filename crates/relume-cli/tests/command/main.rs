@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 mod determinism;
+mod examples;
 mod jobs;
 mod refusals;
 mod support;

@@ -50,6 +50,16 @@ impl Workplace {
         workplace
     }
 
+    /// What a fresh checkout holds beside its sources, and in `own` the room, as a scene of the user's own.
+    pub(crate) fn checkout() -> Self {
+        let workplace = Self(tempfile::tempdir().unwrap());
+        copy_folder(&shared(""), &workplace.path("assets"));
+        std::fs::create_dir(workplace.path("own")).unwrap();
+        workplace.write("own/room.gltf", room().to_string().as_bytes());
+        workplace.write("own/room.bin", &room_buffer());
+        workplace
+    }
+
     pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
@@ -177,6 +187,19 @@ fn room() -> Value {
         "scenes": [{"nodes": [0, 1, 2, 3, 4, 5]}],
         "scene": 0
     })
+}
+
+fn copy_folder(from: &Path, to: &Path) {
+    std::fs::create_dir(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let to = to.join(entry.file_name());
+        if entry.file_type().unwrap().is_dir() {
+            copy_folder(&entry.path(), &to);
+        } else {
+            std::fs::copy(entry.path(), to).unwrap();
+        }
+    }
 }
 
 /// A file as another program wrote it.

@@ -10,6 +10,7 @@ use glam::{DMat3, Mat3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::display::linear_from_srgb;
+use crate::{Error, Progress, Result};
 
 /// Pixels per degree of visual angle: a 0.7 m wide display of 3840 pixels seen from 0.7 m, the paper's
 /// default.
@@ -36,23 +37,44 @@ const XYZ_FROM_RGB: DMat3 = DMat3::from_cols_array(&[
 /// # Panics
 /// Where the images differ in length or are no whole number of rows; [`super::compare`] checks its images first.
 pub fn flip(reference: &[Vec3], test: &[Vec3], width: usize, pixels_per_degree: f32) -> Vec<f32> {
+    // nobody asks to stop
+    flip_watched(reference, test, width, pixels_per_degree, &()).unwrap_or_default()
+}
+
+/// Steps of [`flip_watched`] a row of pixels: two images go through two pairs of filters, along rows and along columns.
+pub(super) const STEPS_A_ROW: usize = 8;
+
+/// The same, with `progress` told of every row that is filtered, [`STEPS_A_ROW`] times each, and asked whether to stop.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+///
+/// # Panics
+/// As [`flip`].
+pub(super) fn flip_watched(
+    reference: &[Vec3],
+    test: &[Vec3],
+    width: usize,
+    pixels_per_degree: f32,
+    progress: &dyn Progress,
+) -> Result<Vec<f32>> {
     assert!(reference.len() == test.len() && (width == 0 || reference.len().is_multiple_of(width)));
     if reference.is_empty() {
-        return Vec::new();
+        return Ok(Vec::new());
     }
     let colors = Colors::new();
-    let [reference, test] =
-        [reference, test].map(|image| Seen::new(image, width, pixels_per_degree, &colors));
+    let seen = |image| Seen::new(image, width, pixels_per_degree, &colors, progress);
+    let (reference, test) = (seen(reference)?, seen(test)?);
     let largest = colors.largest_difference();
     let pixels =
         reference.lab.par_iter().zip(&test.lab).zip(reference.features.par_iter().zip(&test.features));
-    pixels
+    Ok(pixels
         .map(|((&lab_reference, &lab_test), (features_reference, features_test))| {
             let color = color_difference(lab_reference, lab_test, largest);
             let feature = feature_difference(features_reference, features_test);
             color.powf(1.0 - feature)
         })
-        .collect()
+        .collect())
 }
 
 /// Section 4.1.3: HyAB, compressed, and mapped to `0..=1` so that large differences share the last 5%.
@@ -135,12 +157,18 @@ struct Seen {
 }
 
 impl Seen {
-    fn new(srgb: &[Vec3], width: usize, pixels_per_degree: f32, colors: &Colors) -> Self {
+    fn new(
+        srgb: &[Vec3],
+        width: usize,
+        pixels_per_degree: f32,
+        colors: &Colors,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
         let opponent: Vec<Vec3> = srgb.par_iter().map(|&pixel| colors.opponent_from_srgb(pixel)).collect();
         // Blue-yellow is filtered by two Gaussians, so it takes two lanes.
         let lanes: Vec<Vec4> = opponent.iter().map(|c| c.extend(c.z)).collect();
         let [rows, columns] = contrast_sensitivity(pixels_per_degree);
-        let lab = separable(&lanes, width, &rows, &columns)
+        let lab = separable(&lanes, width, &rows, &columns, progress)?
             .par_iter()
             .map(|c| {
                 let filtered = Vec3::new(c.x, c.y, c.z + c.w);
@@ -151,11 +179,11 @@ impl Seen {
         // Lightness in 0..=1.
         let lanes: Vec<Vec4> = opponent.iter().map(|c| Vec4::splat((c.x + 16.0) / 116.0)).collect();
         let [rows, columns] = feature_filters(pixels_per_degree);
-        let features = separable(&lanes, width, &rows, &columns)
+        let features = separable(&lanes, width, &rows, &columns, progress)?
             .par_iter()
             .map(|c| [c.x.hypot(c.z), c.y.hypot(c.w)])
             .collect();
-        Self { lab, features }
+        Ok(Self { lab, features })
     }
 }
 
@@ -212,22 +240,44 @@ fn feature_filters(pixels_per_degree: f32) -> [Vec<Vec4>; 2] {
     [rows, columns]
 }
 
-/// Filters each lane along rows, then along columns. Beyond the border the border's pixels go on.
-fn separable(image: &[Vec4], width: usize, rows: &[Vec4], columns: &[Vec4]) -> Vec<Vec4> {
+/// Filters each lane along rows, then along columns. Beyond the border the border's pixels go on. Each row is two steps.
+fn separable(
+    image: &[Vec4],
+    width: usize,
+    rows: &[Vec4],
+    columns: &[Vec4],
+    progress: &dyn Progress,
+) -> Result<Vec<Vec4>> {
     let height = image.len() / width;
     let mut along_rows = vec![Vec4::ZERO; image.len()];
-    along_rows.par_chunks_mut(width).zip(image.par_chunks(width)).for_each(|(out, line)| {
-        for (x, pixel) in out.iter_mut().enumerate() {
-            *pixel = weighted(rows, x, width, |x| line[x]);
-        }
-    });
+    every_row(&mut along_rows, width, progress, |y, x| {
+        let line = &image[y * width..][..width];
+        weighted(rows, x, width, |x| line[x])
+    })?;
     let mut along_columns = vec![Vec4::ZERO; image.len()];
-    along_columns.par_chunks_mut(width).enumerate().for_each(|(y, out)| {
-        for (x, pixel) in out.iter_mut().enumerate() {
-            *pixel = weighted(columns, y, height, |y| along_rows[y * width + x]);
+    every_row(&mut along_columns, width, progress, |y, x| {
+        weighted(columns, y, height, |y| along_rows[y * width + x])
+    })?;
+    Ok(along_columns)
+}
+
+/// Fills rows of pixels with the values `at` each row and column.
+fn every_row(
+    pixels: &mut [Vec4],
+    width: usize,
+    progress: &dyn Progress,
+    at: impl Fn(usize, usize) -> Vec4 + Sync,
+) -> Result<()> {
+    pixels.par_chunks_mut(width).enumerate().try_for_each(|(y, row)| {
+        if progress.cancelled() {
+            return Err(Error::Cancelled);
         }
-    });
-    along_columns
+        for (x, pixel) in row.iter_mut().enumerate() {
+            *pixel = at(y, x);
+        }
+        progress.advance(1);
+        Ok(())
+    })
 }
 
 fn weighted(taps: &[Vec4], centre: usize, size: usize, at: impl Fn(usize) -> Vec4) -> Vec4 {
@@ -300,7 +350,7 @@ mod tests {
         assert!((total.z + total.w - 1.0).abs() < 1e-5);
         let [rows, columns] = feature_filters(PIXELS_PER_DEGREE);
         assert_eq!(rows.len(), 19);
-        let flat = separable(&[Vec4::ONE; 60], 10, &rows, &columns);
+        let flat = separable(&[Vec4::ONE; 60], 10, &rows, &columns, &()).unwrap();
         assert!(flat.iter().all(|lanes| lanes.abs().max_element() < 1e-5));
     }
     /// The figures of the authors' own implementation (flip-evaluator 1.7 from PyPI, 67 pixels per degree).

@@ -5,8 +5,8 @@ use serde::Serialize;
 
 use super::Image;
 use super::display::{Tonemap, encode};
-use super::flip::{PIXELS_PER_DEGREE, flip};
-use crate::{Error, Result};
+use super::flip::{PIXELS_PER_DEGREE, STEPS_A_ROW, flip_watched};
+use crate::{Error, Progress, Result};
 
 /// The figures of one image against its reference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -30,7 +30,21 @@ pub struct Comparison {
 /// [`Error::Setting`] for images without pixels, of different sizes, with edges of another size, or with a
 /// pixel that is not finite, which is named.
 pub fn compare(image: &Image, reference: &Image, edges: Option<&[bool]>) -> Result<Comparison> {
+    compare_watched(image, reference, edges, &())
+}
+
+/// The same, with `progress` told how far it is and asked whether to stop.
+///
+/// # Errors
+/// As [`compare`], and [`Error::Cancelled`].
+pub fn compare_watched(
+    image: &Image,
+    reference: &Image,
+    edges: Option<&[bool]>,
+    progress: &dyn Progress,
+) -> Result<Comparison> {
     check(image, reference, edges)?;
+    progress.stage("comparing", (STEPS_A_ROW * image.height) as u64);
     let relative_l2_no_edges = edges
         .filter(|edges| edges.contains(&false))
         .map(|edges| relative_l2_where(image, reference, |pixel| !edges[pixel]));
@@ -38,7 +52,7 @@ pub fn compare(image: &Image, reference: &Image, edges: Option<&[bool]>) -> Resu
         image.pixels.iter().map(|&color| encode(color, 0.0, Tonemap::Neutral)).collect()
     };
     let (shown, shown_reference) = (shown(image), shown(reference));
-    let errors = flip(&shown_reference, &shown, image.width, PIXELS_PER_DEGREE);
+    let errors = flip_watched(&shown_reference, &shown, image.width, PIXELS_PER_DEGREE, progress)?;
     Ok(Comparison {
         relative_l2: relative_l2_where(image, reference, |_| true),
         relative_l2_no_edges,
@@ -114,6 +128,8 @@ fn check(image: &Image, reference: &Image, edges: Option<&[bool]>) -> Result<()>
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
+
     use super::*;
 
     fn image(width: usize, height: usize, color: impl Fn(usize, usize) -> Vec3) -> Image {
@@ -130,6 +146,43 @@ mod tests {
         let figures = compare(&ramp(), &ramp(), Some(&[false; 192])).unwrap();
         assert_eq!((figures.relative_l2, figures.relative_l2_no_edges, figures.flip), (0.0, Some(0.0), 0.0));
         assert_eq!(figures.psnr, f64::INFINITY);
+    }
+
+    /// Asks to stop once `most` steps are done.
+    #[derive(Default)]
+    struct Counted {
+        most: u64,
+        steps: AtomicU64,
+        done: AtomicU64,
+    }
+
+    impl Progress for Counted {
+        fn stage(&self, _: &str, steps: u64) {
+            self.steps.fetch_add(steps, Ordering::Relaxed);
+        }
+
+        fn advance(&self, steps: u64) {
+            self.done.fetch_add(steps, Ordering::Relaxed);
+        }
+
+        fn cancelled(&self) -> bool {
+            self.done.load(Ordering::Relaxed) >= self.most
+        }
+    }
+
+    #[test]
+    fn a_watched_comparison_tells_every_step_and_can_be_stopped() {
+        let other = image(16, 12, |x, y| ramp().pixels[y * 16 + x] * 0.7);
+        let listener = Counted { most: u64::MAX, ..Counted::default() };
+        let watched = compare_watched(&other, &ramp(), None, &listener).unwrap();
+        assert_eq!(watched, compare(&other, &ramp(), None).unwrap());
+        assert_eq!(listener.steps.into_inner(), 8 * 12);
+        assert_eq!(listener.done.into_inner(), 8 * 12);
+        for most in [0, 20, 90] {
+            let listener = Counted { most, ..Counted::default() };
+            let stopped = compare_watched(&other, &ramp(), None, &listener);
+            assert!(matches!(stopped, Err(Error::Cancelled)), "{most}: {stopped:?}");
+        }
     }
 
     #[test]

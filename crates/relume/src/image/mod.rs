@@ -5,7 +5,7 @@ pub mod flip;
 pub mod metrics;
 
 pub use display::{Tonemap, display};
-pub use metrics::{Comparison, compare};
+pub use metrics::{Comparison, compare, compare_watched};
 
 use glam::Vec3;
 

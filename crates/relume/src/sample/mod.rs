@@ -18,6 +18,6 @@ pub use cloud::{
 pub use illumination::{CloudLight, illuminate};
 pub use packed::{PackedNormal, PackedUnit};
 pub use receivers::{Gloss, Receiver, Receivers};
-pub(crate) use tree::cluster_order;
+pub(crate) use tree::{cluster_order, ordering_steps};
 pub(crate) use view::QUAD;
 pub use view::{ViewHits, ViewSample, ViewSamples, edge_pixels};

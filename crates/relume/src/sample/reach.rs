@@ -12,6 +12,7 @@ use super::sightings::{Sighting, Sightings, side_of};
 use crate::scene::Geometry;
 use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d};
 use crate::trace::{Accel, Hit, Ray, offset_origin};
+use crate::{Error, Progress, Result};
 
 /// What rays from a cell found.
 #[derive(Clone, Debug, Default)]
@@ -27,17 +28,24 @@ pub(super) struct Surroundings {
 /// Least cosine between the normals of neighbouring cells that lie on a surface which goes on.
 const GOES_ON: f32 = 0.7;
 /// Rays from each cell.
-const RAYS: usize = 32;
+pub(super) const RAYS: usize = 32;
 
-/// Sends rays from each cell.
+/// Sends rays from each cell; every ray is a step.
+///
+/// # Errors
+/// [`Error::Cancelled`].
 pub(super) fn explore(
     geometry: &Geometry,
     accel: &Accel,
     parts: &[Part],
     cuts: &Cuts,
     seed: u32,
-) -> Vec<Surroundings> {
+    progress: &dyn Progress,
+) -> Result<Vec<Surroundings>> {
     let explore = |(index, part): (usize, &Part)| {
+        if progress.cancelled() {
+            return Err(Error::Cancelled);
+        }
         let seed = hash(index as u32, seed);
         let rays: Vec<Ray> = part
             .cell
@@ -58,11 +66,12 @@ pub(super) fn explore(
             met().filter_map(|(ray, hit)| cell_at(geometry, cuts, hit, ray.direction)).collect();
         links.sort_unstable();
         links.dedup();
-        Surroundings {
+        progress.advance(RAYS as u64);
+        Ok(Surroundings {
             links,
             sightings: met().map(|(ray, hit)| Sightings::by_surface(geometry, hit, ray.direction)).collect(),
             open: missed.then(|| part.cell.normal()),
-        }
+        })
     };
     parts.par_iter().enumerate().with_min_len(64).map(explore).collect()
 }

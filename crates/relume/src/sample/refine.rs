@@ -20,6 +20,7 @@ use super::CloudMethod;
 use super::cells::{Cell, Facet, WHOLE, halve_group, halves, in_second_half};
 use super::sightings::{Sighting, Sightings, Tally};
 use crate::scene::Geometry;
+use crate::{Error, Progress, Result};
 
 /// Share of the adaptive cells that are made by area first. More resolve lights that shine where the camera hardly
 /// looks; fewer leave more for corners.
@@ -199,10 +200,23 @@ impl Ord for Candidate {
 
 impl Refinement<'_> {
     /// Parts `facets` into `count` cells, or as many as can be made, in an order in which neighbours follow each other.
-    /// Also says which cell holds which point.
-    pub(super) fn run(&self, facets: Vec<Facet>, method: CloudMethod, count: usize) -> (Vec<Part>, Cuts) {
+    /// Also says which cell holds which point. All of it is so many `steps` of `progress`.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    pub(super) fn run(
+        &self,
+        facets: Vec<Facet>,
+        method: CloudMethod,
+        count: usize,
+        (progress, steps): (&dyn Progress, u64),
+    ) -> Result<(Vec<Part>, Cuts)> {
         let mut growing = Growing {
             refinement: self,
+            progress,
+            steps,
+            told: 0,
+            goal: count,
             cuts: Cuts { sides: vec![Node::Nothing; 2 * self.geometry.triangles.len()], cuts: Vec::new() },
             total_area: facets.iter().map(|facet| f64::from(facet.area)).sum(),
             parts: Vec::new(),
@@ -211,14 +225,15 @@ impl Refinement<'_> {
         };
         growing.add(Part::new(facets, self.sightings), Place::Sides, None);
         match method {
-            CloudMethod::Uniform => growing.grow(Judge::Area, count),
-            CloudMethod::Importance => growing.grow(Judge::Importance, count),
+            CloudMethod::Uniform => growing.grow(Judge::Area, count)?,
+            CloudMethod::Importance => growing.grow(Judge::Importance, count)?,
             CloudMethod::Adaptive => {
-                growing.grow(Judge::Area, (count as f64 * UNIFORM_SHARE) as usize);
-                growing.grow(Judge::Pairs, count);
+                growing.grow(Judge::Area, (count as f64 * UNIFORM_SHARE) as usize)?;
+                growing.grow(Judge::Pairs, count)?;
             }
         }
-        growing.in_order()
+        growing.tell(steps);
+        Ok(growing.in_order())
     }
 
     fn halve(&self, part: Part) -> [Part; 2] {
@@ -243,6 +258,12 @@ impl Refinement<'_> {
 
 struct Growing<'a> {
     refinement: &'a Refinement<'a>,
+    progress: &'a dyn Progress,
+    /// Of `progress`: in all, and how many it has been told.
+    steps: u64,
+    told: u64,
+    /// Parts in the end.
+    goal: usize,
     cuts: Cuts,
     total_area: f64,
     parts: Vec<Part>,
@@ -274,9 +295,15 @@ impl Growing<'_> {
         (parts, self.cuts)
     }
 
+    /// Tells that so many of all steps are done.
+    fn tell(&mut self, done: u64) {
+        self.progress.advance(done.saturating_sub(self.told));
+        self.told = self.told.max(done);
+    }
+
     /// Halves the heaviest cells until there are `count`. Several at a time, so that threads share the work; how many does
     /// not depend on the threads.
-    fn grow(&mut self, judge: Judge, count: usize) {
+    fn grow(&mut self, judge: Judge, count: usize) -> Result<()> {
         let weights: Vec<f64> = self.parts.par_iter().map(|part| self.weight(judge, part)).collect();
         let mut heap: BinaryHeap<Candidate> = weights
             .into_iter()
@@ -284,6 +311,9 @@ impl Growing<'_> {
             .map(|(number, weight)| Candidate(weight, number as u32))
             .collect();
         while self.parts.len() < count {
+            if self.progress.cancelled() {
+                return Err(Error::Cancelled);
+            }
             let most = (count - self.parts.len()).div_ceil(4).min(self.parts.len().div_ceil(4));
             let batch: Vec<u32> = (0..most)
                 .map_while(|_| heap.pop())
@@ -291,7 +321,7 @@ impl Growing<'_> {
                 .map(|candidate| candidate.1)
                 .collect();
             if batch.is_empty() {
-                return;
+                break;
             }
             let taken: Vec<Part> = batch.iter().map(|&number| self.take(number)).collect();
             let halved: Vec<[(Part, f64); 2]> = taken
@@ -312,7 +342,9 @@ impl Growing<'_> {
                 self.places[number as usize] = place;
                 self.add(far, far_place, Some(number));
             }
+            self.tell(self.steps * self.parts.len() as u64 / self.goal as u64);
         }
+        Ok(())
     }
 
     fn take(&mut self, number: u32) -> Part {

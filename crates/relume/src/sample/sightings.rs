@@ -13,6 +13,7 @@ use super::cells::at;
 use crate::scene::Geometry;
 use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d};
 use crate::trace::{Accel, Hit, Ray, offset_origin};
+use crate::{Error, Progress, Result};
 
 /// Rays that all view samples together send at most, so that memory does not grow with the image.
 const MOST_RAYS: usize = 20_000_000;
@@ -69,17 +70,29 @@ impl Sightings {
         Self { all: Vec::new(), first: vec![0; 2 * geometry.triangles.len() + 1], observers: 0, by_views: 0 }
     }
 
+    /// Rays that are sent from each of so many view samples.
+    pub(super) fn rays(seen: usize) -> u32 {
+        (MOST_RAYS / seen.max(1)).clamp(1, RAYS) as u32
+    }
+
     /// Sends rays from all view samples (`seen`: the camera's first hits and the directions of their rays) and adds
-    /// the sightings `others` of surfaces by surfaces, each with its side.
+    /// the sightings `others` of surfaces by surfaces, each with its side. Every ray is a step, also where nothing is seen.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
     pub(super) fn new(
         geometry: &Geometry,
         accel: &Accel,
         seen: &[(Hit, Vec3)],
         others: &[(u32, Sighting)],
         seed: u32,
-    ) -> Self {
-        let rays = (MOST_RAYS / seen.len().max(1)).clamp(1, RAYS) as u32;
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let rays = Self::rays(seen.len());
         let look = |(chunk, seen): (usize, &[(Hit, Vec3)])| {
+            if progress.cancelled() {
+                return Err(Error::Cancelled);
+            }
             let mut found = Vec::with_capacity(seen.len() * rays as usize);
             let (mut batch, mut hits) = (Vec::new(), Vec::new());
             for (index, (hit, direction)) in seen.iter().enumerate().filter(|(_, (hit, _))| hit.is_hit()) {
@@ -100,13 +113,15 @@ impl Sightings {
                     found.push((side, Sighting::new(observer, hit)));
                 }
             }
-            found
+            progress.advance(seen.len() as u64 * u64::from(rays));
+            Ok(found)
         };
-        let found: Vec<Vec<(u32, Sighting)>> = seen.par_chunks(CHUNK).enumerate().map(look).collect();
+        let found: Vec<Vec<(u32, Sighting)>> =
+            seen.par_chunks(CHUNK).enumerate().map(look).collect::<Result<_>>()?;
         let by_views = found.iter().map(Vec::len).sum();
         let mut sightings = Self { observers: seen.len(), by_views, ..Self::none(geometry) };
         sightings.sort(found.iter().map(Vec::as_slice).chain([others]));
-        sightings
+        Ok(sightings)
     }
 
     /// A sighting of a surface by a surface, with its side.

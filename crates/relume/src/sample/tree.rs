@@ -5,6 +5,8 @@
 
 use glam::Vec3;
 
+use crate::{Error, Progress, Result};
+
 /// Where a sample lies for the tree: position and normal scaled as in eq. 9, so that the squared distance of two
 /// keys is `K^2 |dp|^2 + d^2 |dn|^2`.
 pub(super) type Key = [f32; AXES];
@@ -15,6 +17,8 @@ const AXES: usize = 6;
 const POSITION_WEIGHT: f32 = 30.0;
 /// Rounds of k-means a split may take; it mostly settles in fewer.
 const ROUNDS: usize = 12;
+/// Samples that one thread parts alone.
+const ALONE: usize = 2048;
 
 /// The key of a sample in a scene whose bounding box has a diagonal of `diagonal` metres.
 pub(super) fn key(position: Vec3, normal: Vec3, diagonal: f32) -> Key {
@@ -28,19 +32,41 @@ pub(super) fn normal_scale(diagonal: f32) -> f32 {
 }
 
 /// The samples' numbers in tree order.
-pub(super) fn order(keys: &[Key]) -> Vec<u32> {
-    let mut order: Vec<u32> = (0..keys.len() as u32).collect();
-    split(keys, &mut order, [1, 1]);
-    order
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub(super) fn order(keys: &[Key], progress: &dyn Progress) -> Result<Vec<u32>> {
+    order_of_runs(keys, [1, 1], progress)
 }
 
 /// The numbers of points in an order in which every run of `lengths[0]` that starts at a multiple of it lies together, and so
-/// does, within these, every run of `lengths[1]`.
-pub(crate) fn cluster_order(points: &[(Vec3, Vec3)], diagonal: f32, lengths: [usize; 2]) -> Vec<u32> {
+/// does, within these, every run of `lengths[1]`. Advances `progress` by [`ordering_steps`].
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub(crate) fn cluster_order(
+    points: &[(Vec3, Vec3)],
+    diagonal: f32,
+    lengths: [usize; 2],
+    progress: &dyn Progress,
+) -> Result<Vec<u32>> {
     let keys: Vec<Key> = points.iter().map(|&(position, normal)| key(position, normal, diagonal)).collect();
+    order_of_runs(&keys, lengths, progress)
+}
+
+/// Steps of ordering so many points: each of them goes through as many halvings as it takes to be alone.
+pub(crate) fn ordering_steps(count: usize) -> u64 {
+    count as u64 * halvings(count)
+}
+
+fn halvings(count: usize) -> u64 {
+    u64::from(usize::BITS - count.leading_zeros())
+}
+
+fn order_of_runs(keys: &[Key], lengths: [usize; 2], progress: &dyn Progress) -> Result<Vec<u32>> {
     let mut order: Vec<u32> = (0..keys.len() as u32).collect();
-    split(&keys, &mut order, lengths);
-    order
+    split_watched(keys, &mut order, lengths, halvings(keys.len()), progress)?;
+    Ok(order)
 }
 
 /// Where to part so many: in the middle, but at the end of a run.
@@ -51,6 +77,35 @@ fn middle(count: usize, lengths: [usize; 2]) -> usize {
     }
 }
 
+/// Splits in parallel. Every point is told of `left` times, all at once where a thread goes on alone.
+fn split_watched(
+    keys: &[Key],
+    part: &mut [u32],
+    lengths: [usize; 2],
+    left: u64,
+    progress: &dyn Progress,
+) -> Result<()> {
+    if progress.cancelled() {
+        return Err(Error::Cancelled);
+    }
+    let count = part.len() as u64;
+    if part.len() <= ALONE {
+        split(keys, part, lengths);
+        progress.advance(count * left);
+        return Ok(());
+    }
+    let middle = middle(part.len(), lengths);
+    halve(keys, part, middle);
+    progress.advance(count);
+    let (near, far) = part.split_at_mut(middle);
+    let left = left.saturating_sub(1);
+    let (near, far) = rayon::join(
+        || split_watched(keys, near, lengths, left, progress),
+        || split_watched(keys, far, lengths, left, progress),
+    );
+    near.and(far)
+}
+
 fn split(keys: &[Key], part: &mut [u32], lengths: [usize; 2]) {
     if part.len() <= 1 {
         return;
@@ -58,12 +113,8 @@ fn split(keys: &[Key], part: &mut [u32], lengths: [usize; 2]) {
     let middle = middle(part.len(), lengths);
     halve(keys, part, middle);
     let (near, far) = part.split_at_mut(middle);
-    if near.len() > 1024 {
-        rayon::join(|| split(keys, near, lengths), || split(keys, far, lengths));
-    } else {
-        split(keys, near, lengths);
-        split(keys, far, lengths);
-    }
+    split(keys, near, lengths);
+    split(keys, far, lengths);
 }
 
 fn mean(keys: &[Key], part: &[u32]) -> [f64; AXES] {
@@ -123,6 +174,8 @@ fn widest_axis(keys: &[Key], part: &[u32]) -> [f64; AXES] {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
+
     use super::*;
     use crate::trace::sampling::{hash, unit};
 
@@ -146,7 +199,7 @@ mod tests {
     #[test]
     fn the_order_is_a_permutation_that_keeps_like_samples_together() {
         let keys = random_keys(4096);
-        let order = order(&keys);
+        let order = order(&keys, &()).unwrap();
         let mut sorted = order.clone();
         sorted.sort_unstable();
         assert!(sorted.iter().enumerate().all(|(i, &s)| s == i as u32));
@@ -163,7 +216,7 @@ mod tests {
                 (Vec3::new(at(0), at(1), at(2)), Vec3::Y)
             })
             .collect();
-        let order = cluster_order(&points, 1.7, [256, 16]);
+        let order = cluster_order(&points, 1.7, [256, 16], &()).unwrap();
         let mut sorted = order.clone();
         sorted.sort_unstable();
         assert!(sorted.iter().enumerate().all(|(i, &s)| s == i as u32));
@@ -182,13 +235,46 @@ mod tests {
         assert_eq!(middles, [512, 256, 256, 128, 16, 16, 8, 1]);
     }
 
+    /// Counts steps, and asks to stop once `most` are done.
+    struct Counted {
+        most: u64,
+        done: AtomicU64,
+    }
+
+    impl Progress for Counted {
+        fn advance(&self, steps: u64) {
+            self.done.fetch_add(steps, Ordering::Relaxed);
+        }
+
+        fn cancelled(&self) -> bool {
+            self.done.load(Ordering::Relaxed) >= self.most
+        }
+    }
+
+    #[test]
+    fn every_step_of_ordering_is_told_and_it_can_be_stopped() {
+        let keys = random_keys(10_000);
+        let order = |lengths, most| {
+            let listener = Counted { most, done: AtomicU64::new(0) };
+            (order_of_runs(&keys, lengths, &listener), listener.done.into_inner())
+        };
+        for lengths in [[1, 1], [256, 64], [1024, 64], [6000, 1000]] {
+            let (whole, steps) = order(lengths, u64::MAX);
+            assert_eq!(steps, ordering_steps(10_000), "{lengths:?}");
+            assert_eq!(whole.unwrap(), order_of_runs(&keys, lengths, &()).unwrap());
+            for most in [0, 10_000] {
+                assert!(matches!(order(lengths, most).0, Err(Error::Cancelled)), "{lengths:?}, {most}");
+            }
+        }
+    }
+
     #[test]
     fn two_distant_clumps_are_parted() {
         let mut keys = random_keys(64);
         for key in &mut keys[..32] {
             key[4] += 100.0;
         }
-        let order = order(&keys);
+        let order = order(&keys, &()).unwrap();
         assert!(order[..32].iter().all(|&s| s < 32) || order[..32].iter().all(|&s| s >= 32));
     }
 }

@@ -2,10 +2,11 @@
 
 use glam::Vec3;
 
-use crate::sample::{GatherCloud, GatherSample, Gloss, Receiver, cluster_order};
+use crate::sample::{GatherCloud, GatherSample, Gloss, Receiver, cluster_order, ordering_steps};
 use crate::shade::SpecularLobe;
 use crate::trace::sampling::hash;
 use crate::transfer::tiles::{GatherPoint, TILE};
+use crate::{Progress, Result};
 
 /// Rows in block order: points, the length of each block, and what each row stands for.
 pub(super) struct Blocks {
@@ -21,7 +22,16 @@ fn lobe(receiver: &Receiver) -> Option<SpecularLobe> {
 }
 
 /// Runs of `length` receivers that lie close together and face alike; the last may be shorter.
-pub(super) fn of_receivers(receivers: &[Receiver], length: usize, seed: u32) -> Blocks {
+///
+/// # Errors
+/// [`crate::Error::Cancelled`].
+pub(super) fn of_receivers(
+    receivers: &[Receiver],
+    length: usize,
+    seed: u32,
+    progress: &dyn Progress,
+) -> Result<Blocks> {
+    progress.stage("blocks of receivers", ordering_steps(receivers.len()));
     let point = |(index, receiver): (usize, &Receiver)| GatherPoint {
         position: receiver.position,
         shading_normal: receiver.shading_normal,
@@ -34,9 +44,9 @@ pub(super) fn of_receivers(receivers: &[Receiver], length: usize, seed: u32) -> 
     let high = points.iter().fold(Vec3::NEG_INFINITY, |high, point| high.max(point.position));
     let places: Vec<(Vec3, Vec3)> =
         points.iter().map(|point| (point.position, point.shading_normal)).collect();
-    let order = cluster_order(&places, low.distance(high), [length, TILE]);
+    let order = cluster_order(&places, low.distance(high), [length, TILE], progress)?;
     let lengths = (0..points.len()).step_by(length).map(|first| length.min(points.len() - first)).collect();
-    Blocks { points: order.iter().map(|&index| points[index as usize]).collect(), lengths, owners: order }
+    Ok(Blocks { points: order.iter().map(|&index| points[index as usize]).collect(), lengths, owners: order })
 }
 
 /// Runs of `length` gather samples, a power of four, or of all if there are fewer: clusters of the tree.

@@ -382,10 +382,9 @@ impl Shot<'_> {
         let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
         drop(lights);
         let encoder = encoder(effort.gather_encoding, prior.as_ref(), self.settings.coefficients);
-        progress.stage("blocks of receivers", 1);
         let (width, height) = self.settings.size;
         let length = receiver_block(width * height);
-        let rows = blocks::of_receivers(&receivers.points, length, seed);
+        let rows = blocks::of_receivers(&receivers.points, length, seed, progress)?;
         let mut gather_rows = effort.gather_rows;
         if length <= TILE {
             gather_rows.faint *= FAINT_ALONE;

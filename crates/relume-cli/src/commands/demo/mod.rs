@@ -153,7 +153,7 @@ impl Folder {
         figures: &mut Figures,
         console: &Console,
     ) -> Result<Vec<Reference>> {
-        let tracer = Tracer::new(scene);
+        let tracer = Tracer::new(scene, console)?;
         let settings = arguments.reference();
         figures.spp = settings.spp;
         let mut frames = Vec::with_capacity(rigs.len());

@@ -13,7 +13,7 @@ use glam::Vec3;
 use multiversion::multiversion;
 
 use super::rows::{Chunk, Found, RowScratch, RowSource, Tile};
-use super::tiles::GatherPoint;
+use super::tiles::{GatherPoint, TILE, Tiling};
 use crate::shade::LobeTerms;
 use crate::trace::sampling::{hash, sobol_2d};
 use crate::trace::{Hit, Ray};
@@ -23,7 +23,6 @@ use crate::trace::{Hit, Ray};
 const BALANCE: f32 = 0.1;
 
 /// Responses and densities of the lobes of a tile towards some cells, a row a point, times `cos_x / r^2` and the area.
-#[derive(Default)]
 struct Lobes {
     responses: Vec<f32>,
     densities: Vec<f32>,
@@ -37,6 +36,36 @@ struct Targets {
     weighted: [Vec<f32>; 3],
 }
 
+/// A tile of which a point at least has a lobe.
+struct ShinyTile<'a> {
+    /// Its number in the block.
+    number: usize,
+    tile: Tile<'a>,
+    lobes: Vec<LobeTerms>,
+    /// Hemisphere and lobe rays of each of its points.
+    rays: [usize; 2],
+}
+
+impl<'a> ShinyTile<'a> {
+    fn new(number: usize, tile: Tile<'a>, rays: [usize; 2]) -> Option<Self> {
+        let lobes: Vec<LobeTerms> =
+            tile.points.iter().map(|point| point.lobe.map(|lobe| lobe.terms()).unwrap_or_default()).collect();
+        let shiny = tile.points.iter().any(|point| point.lobe.is_some());
+        shiny.then_some(Self { number, tile, lobes, rays })
+    }
+
+    /// How many of the tile's rays are expected to hit each of the targets. `shares` are form factors added up over the tile.
+    fn expected_hits(&self, terms: &Lobes, targets: &Targets, shares: &[f32]) -> Vec<f32> {
+        let [hemisphere, lobe] = self.rays.map(|rays| rays as f32);
+        let mut expected: Vec<f32> =
+            targets.cells.iter().map(|&cell| hemisphere * shares[cell as usize]).collect();
+        for densities in terms.densities.chunks_exact(expected.len().max(1)) {
+            expected.iter_mut().zip(densities).for_each(|(expected, density)| *expected += lobe * density);
+        }
+        expected
+    }
+}
+
 impl RowSource<'_> {
     /// Adds the glossy rows of the block that [`Self::block`] was last called for with `scratch` to `rows`, which has one entry a cell
     /// for each of `points`, zero on entry. Returns the number of rays.
@@ -47,70 +76,49 @@ impl RowSource<'_> {
         scratch: &mut RowScratch,
     ) -> u64 {
         let tiling = std::mem::take(&mut scratch.tiling);
-        let tiles: Vec<Tile<'_>> = tiling.tiles.iter().map(|members| Tile::new(points, members)).collect();
-        let lobes: Vec<Vec<LobeTerms>> = tiles.iter().map(lobes_of).collect();
+        let tiles = || tiling.tiles.iter().map(|members| Tile::new(points, members));
+        let shiny = |(number, tile): (usize, Tile<'_>)| {
+            let rays = [scratch.found_ends[number].1, self.rays_each(&tile, self.settings.lobe_rays)];
+            ShinyTile::new(number, tile, rays)
+        };
+        let shiny: Vec<ShinyTile<'_>> = tiles().enumerate().filter_map(shiny).collect();
         let mut rays = 0;
-        let mut first = 0;
-        for (number, (tile, lobes)) in tiles.iter().zip(&lobes).enumerate() {
-            let (end, hemisphere_rays) = scratch.found_ends[number];
-            if tile.points.iter().any(|point| point.lobe.is_some()) {
-                let each = [hemisphere_rays as f32, self.rays_each(tile, self.settings.lobe_rays) as f32];
-                let (sent, found) = self.follow_lobes(tile, scratch);
-                rays += sent;
-                for found in scratch.found[first..end].iter().chain(&found) {
-                    self.add_hit(tile, lobes, found, each, rows);
-                }
-            }
-            first = end;
+        for shiny in &shiny {
+            rays += self.add_glossy_hits(shiny, rows, scratch);
         }
-        for chunk in self.chunks() {
+        let tiles: Vec<Tile<'_>> = if shiny.is_empty() { Vec::new() } else { tiles().collect() };
+        for chunk in self.chunks().filter(|_| !shiny.is_empty()) {
             self.form_factors(points, &tiles, chunk, scratch);
-            for (number, (tile, lobes)) in tiles.iter().zip(&lobes).enumerate() {
-                if tile.points.iter().all(|point| point.lobe.is_none()) {
-                    continue;
-                }
-                let targets = self.targets(&tiling, tile, chunk, scratch);
-                let each = [scratch.found_ends[number].1, self.rays_each(tile, self.settings.lobe_rays)];
-                let terms = terms_towards(tile, lobes, &targets);
-                // the rays that are expected to hit each cell
-                let shares = scratch.shares(chunk, number);
-                let mut expected: Vec<f32> =
-                    targets.cells.iter().map(|&cell| each[0] as f32 * shares[cell as usize]).collect();
-                for densities in terms.densities.chunks_exact(targets.cells.len().max(1)) {
-                    for (expected, density) in expected.iter_mut().zip(densities) {
-                        *expected += each[1] as f32 * density;
-                    }
-                }
-                scratch.visible.resize(chunk.width, 0.0);
-                scratch.told.resize(chunk.width, 0.0);
-                let responses = terms.responses.chunks_exact(targets.cells.len().max(1));
-                for (&member, responses) in tile.members.iter().zip(responses) {
-                    scratch.see(&tiling, chunk, member as usize);
-                    let row = &mut rows[member as usize * self.patches.len() + chunk.first..][..chunk.width];
-                    for ((&cell, response), expected) in targets.cells.iter().zip(responses).zip(&expected) {
-                        let (visible, told) = (scratch.visible[cell as usize], scratch.told[cell as usize]);
-                        if visible > 0.0 {
-                            row[cell as usize] += visible / told * response / (BALANCE * expected + 1.0);
-                        }
-                    }
-                }
+            for shiny in &shiny {
+                self.add_glossy_form_factors(shiny, &tiling, chunk, rows, scratch);
             }
         }
-        drop(tiles);
+        drop((shiny, tiles));
         scratch.tiling = tiling;
         rays
     }
 
+    /// The share of a tile's rays, of those that were sent for the diffuse rows and of further ones along its points' lobes. Returns
+    /// the number of the latter.
+    fn add_glossy_hits(&self, shiny: &ShinyTile<'_>, rows: &mut [f32], scratch: &mut RowScratch) -> u64 {
+        let (sent, found) = self.follow_lobes(shiny, scratch);
+        let first = shiny.number.checked_sub(1).map_or(0, |before| scratch.found_ends[before].0);
+        let before = &scratch.found[first..scratch.found_ends[shiny.number].0];
+        for found in before.iter().chain(&found) {
+            self.add_glossy_hit(shiny, found, rows);
+        }
+        sent
+    }
+
     /// Sends each point's rays along its lobe; returns how many and what they found.
-    fn follow_lobes(&self, tile: &Tile<'_>, scratch: &mut RowScratch) -> (u64, Vec<Found>) {
-        let each = self.rays_each(tile, self.settings.lobe_rays);
+    fn follow_lobes(&self, shiny: &ShinyTile<'_>, scratch: &mut RowScratch) -> (u64, Vec<Found>) {
         let rays = &mut scratch.rays;
         rays.clear();
-        for point in &tile.points {
+        for point in &shiny.tile.points {
             let Some(lobe) = point.lobe else { continue };
             let origin = point.origin();
             let seed = hash(4, point.seed);
-            let directions = (0..each as u32).map(|index| lobe.sample(sobol_2d(index, 0, seed)));
+            let directions = (0..shiny.rays[1] as u32).map(|index| lobe.sample(sobol_2d(index, 0, seed)));
             let above = directions.filter(|direction| {
                 direction.dot(point.geometric_normal) > 0.0 && direction.dot(point.shading_normal) > 0.0
             });
@@ -122,14 +130,14 @@ impl RowSource<'_> {
         (rays.len() as u64, found.collect())
     }
 
-    /// A hit's share. `each` are the hemisphere and the lobe rays of a point.
-    fn add_hit(&self, tile: &Tile<'_>, lobes: &[LobeTerms], found: &Found, each: [f32; 2], rows: &mut [f32]) {
-        let count = self.patches.len();
-        let mut terms = [[0.0; super::tiles::TILE]; 3];
-        let [geometry, responses, densities] = terms.each_mut().map(|terms| &mut terms[..tile.points.len()]);
-        terms_at(tile, lobes, found, geometry, responses, densities);
+    fn add_glossy_hit(&self, shiny: &ShinyTile<'_>, found: &Found, rows: &mut [f32]) {
+        let (count, members) = (self.patches.len(), shiny.tile.members);
+        let mut terms = [[0.0; TILE]; 3];
+        let [geometry, responses, densities] = terms.each_mut().map(|terms| &mut terms[..members.len()]);
+        terms_at(&shiny.tile, &shiny.lobes, found, geometry, responses, densities);
         let sum = |values: &[f32]| values.iter().sum::<f32>();
-        let expected = each[0] * sum(geometry) + each[1] * sum(densities);
+        // a square metre
+        let expected = shiny.rays[0] as f32 * sum(geometry) + shiny.rays[1] as f32 * sum(densities);
         if expected <= 0.0 {
             return;
         }
@@ -137,19 +145,41 @@ impl RowSource<'_> {
         // a cell whose area nothing has seen before has no form factor: the hits count alone
         let by_area = if area > 0.0 { 1.0 / area } else { 0.0 };
         let weight = BALANCE / (BALANCE * expected + by_area);
-        for (&member, &response) in tile.members.iter().zip(&*responses) {
+        for (&member, &response) in members.iter().zip(&*responses) {
             rows[member as usize * count + found.cell as usize] += weight * response;
         }
     }
 
-    /// The cells of a chunk that are seen from the tile or near it.
-    fn targets(
+    /// The form factors' share of a chunk of cells whose diffuse form factors are at hand.
+    fn add_glossy_form_factors(
         &self,
-        tiling: &super::tiles::Tiling,
-        tile: &Tile<'_>,
+        shiny: &ShinyTile<'_>,
+        tiling: &Tiling,
         chunk: Chunk,
-        scratch: &RowScratch,
-    ) -> Targets {
+        rows: &mut [f32],
+        scratch: &mut RowScratch,
+    ) {
+        let targets = self.targets(tiling, &shiny.tile, chunk, scratch);
+        if targets.cells.is_empty() {
+            return;
+        }
+        let terms = terms_towards(shiny, &targets);
+        let expected = shiny.expected_hits(&terms, &targets, scratch.shares(chunk, shiny.number));
+        let responses = terms.responses.chunks_exact(targets.cells.len());
+        for (&member, responses) in shiny.tile.members.iter().zip(responses) {
+            scratch.see(tiling, chunk, member as usize);
+            let row = &mut rows[member as usize * self.patches.len() + chunk.first..][..chunk.width];
+            for ((&cell, response), expected) in targets.cells.iter().zip(responses).zip(&expected) {
+                let (visible, told) = (scratch.visible[cell as usize], scratch.told[cell as usize]);
+                if visible > 0.0 {
+                    row[cell as usize] += visible / told * response / (BALANCE * expected + 1.0);
+                }
+            }
+        }
+    }
+
+    /// The cells of a chunk that are seen from the tile or near it.
+    fn targets(&self, tiling: &Tiling, tile: &Tile<'_>, chunk: Chunk, scratch: &RowScratch) -> Targets {
         let mut cells: Vec<u32> = scratch.seen_near(tiling, chunk, tile.members).collect();
         cells.sort_unstable();
         cells.dedup();
@@ -166,22 +196,14 @@ impl RowSource<'_> {
     }
 }
 
-fn lobes_of(tile: &Tile<'_>) -> Vec<LobeTerms> {
-    tile.points.iter().map(|point| point.lobe.map(|lobe| lobe.terms()).unwrap_or_default()).collect()
-}
-
-fn terms_towards(tile: &Tile<'_>, lobes: &[LobeTerms], targets: &Targets) -> Lobes {
-    let count = targets.cells.len();
-    let mut terms =
-        Lobes { responses: vec![0.0; lobes.len() * count], densities: vec![0.0; lobes.len() * count] };
-    if count == 0 {
-        return terms;
-    }
-    let out = terms.responses.chunks_exact_mut(count).zip(terms.densities.chunks_exact_mut(count));
-    for ((point, lobe), (responses, densities)) in tile.points.iter().zip(lobes).zip(out) {
+fn terms_towards(shiny: &ShinyTile<'_>, targets: &Targets) -> Lobes {
+    let (count, points) = (targets.cells.len(), &shiny.tile.points);
+    let [mut responses, mut densities] = [0, 1].map(|_| vec![0.0; points.len() * count]);
+    let out = responses.chunks_exact_mut(count).zip(densities.chunks_exact_mut(count));
+    for ((point, lobe), (responses, densities)) in points.iter().zip(&shiny.lobes).zip(out) {
         towards_cells(lobe, point.position, targets, responses, densities);
     }
-    terms
+    Lobes { responses, densities }
 }
 
 /// The lobe's response and density towards each cell, times `cos_x A / r^2`.

@@ -66,6 +66,28 @@ pub fn box_room() -> TestScene {
     builder.build()
 }
 
+/// A room with a floor of this material and a white and a red block on it.
+pub fn hall(floor: Material) -> TestScene {
+    let mut builder = SceneBuilder::new();
+    let wall = builder.material(lambertian(Vec3::new(0.7, 0.7, 0.65)));
+    let white = builder.material(lambertian(Vec3::splat(0.8)));
+    let red = builder.material(lambertian(Vec3::new(0.7, 0.1, 0.05)));
+    let floor = builder.material(floor);
+    let up = 0.002 * Vec3::Y;
+    builder
+        .room(Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0), wall)
+        .quad(up, 5.0 * Vec3::Z, 4.0 * Vec3::X, floor)
+        .block(Vec3::new(0.6, 0.0, 1.2), Vec3::new(1.3, 1.6, 1.9), white)
+        .block(Vec3::new(2.2, 0.0, 0.8), Vec3::new(3.2, 0.9, 1.6), red)
+        .camera(Vec3::new(2.3, 1.6, 4.8), Vec3::new(2.0, 0.7, 0.0), 55.0);
+    builder.build()
+}
+
+/// A metal of a warm colour.
+pub fn metal(roughness: f32) -> Material {
+    Material { metallic: 1.0, roughness, specular: 1.0, ..lambertian(Vec3::new(0.9, 0.7, 0.5)) }
+}
+
 /// A closed room with nothing in it, of one diffuse material, seen from one of its corners.
 pub fn empty_room(material: Material) -> TestScene {
     let mut builder = SceneBuilder::new();

@@ -13,11 +13,12 @@ use relume::{Error, Transfer};
 use relume_tests::prepared::{prepare, relight_afresh};
 use relume_tests::scenes::{SceneBuilder, TestScene, emissive, lambertian, omni, rig};
 
-/// A room with a lamp and a masked sheet: something in every part of the file.
+/// A room with a lamp, a masked sheet and a metal one: something in every part of the file.
 fn everything() -> TestScene {
     let mut builder = SceneBuilder::new();
     let wall = builder.material(lambertian(Vec3::new(0.7, 0.6, 0.5)));
     let lamp = builder.material(emissive(Vec3::ZERO, Vec3::new(9.0, 8.0, 7.0)));
+    let metal = builder.material(Material { metallic: 1.0, roughness: 0.3, ..lambertian(Vec3::splat(0.8)) });
     let texels = (0..16).map(|i| [200, 100, 50, if i % 3 == 0 { 0 } else { 255 }]).collect();
     let texture = builder.texture(Texture {
         name: "leaf".into(),
@@ -36,6 +37,7 @@ fn everything() -> TestScene {
     builder
         .room(Vec3::ZERO, Vec3::new(2.0, 2.0, 3.0), wall)
         .quad(Vec3::new(0.4, 0.4, 1.0), Vec3::X, Vec3::Y, leaf)
+        .quad(Vec3::new(0.2, 0.01, 0.2), 2.0 * Vec3::Z, 1.6 * Vec3::X, metal)
         .disc(Vec3::new(1.0, 1.9, 1.2), Vec3::NEG_Y, 0.3, 24, lamp)
         .camera(Vec3::new(1.0, 1.0, 2.9), Vec3::new(1.0, 1.0, 0.0), 70.0);
     builder.build()

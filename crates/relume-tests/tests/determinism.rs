@@ -7,7 +7,7 @@ use relume::relight::RelightSettings;
 use relume::transfer::{Encoding, RowMethod, Settings};
 use relume::{LightKind, LightRig};
 use relume_tests::prepared::{prepare, relight_afresh, tiny};
-use relume_tests::scenes::{box_room, omni, rig, spot};
+use relume_tests::scenes::{hall, metal, omni, rig, spot};
 
 fn lights() -> LightRig {
     rig([
@@ -22,7 +22,7 @@ fn lights() -> LightRig {
 fn outcome(threads: usize, settings: Settings) -> (Vec<u8>, Vec<Vec3>) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
     pool.install(|| {
-        let built = box_room();
+        let built = hall(metal(0.4));
         let transfer = Arc::new(prepare(&built, settings));
         let folder = tempfile::tempdir().expect("a folder for temporary files");
         let path = folder.path().join("shot.relume");

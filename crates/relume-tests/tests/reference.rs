@@ -151,7 +151,7 @@ fn glossy_plane_answers_by_its_bsdf() {
         let brdf = surface.diffuse(view.y) / std::f32::consts::PI + surface.specular(view, light);
         brdf * intensity * light.y / to_light.length_squared()
     };
-    for paths in [Paths::All, Paths::DiffuseTransfer] {
+    for paths in [Paths::All, Paths::Transfer, Paths::DiffuseTransfer] {
         let result =
             trace(&built, &rig([omni(position, intensity, 0.0)]), &Settings { paths, ..settings.clone() });
         let error = worst(&result.layers.direct, expected);
@@ -165,7 +165,7 @@ fn glossy_plane_answers_by_its_bsdf() {
 fn furnace() {
     let (albedo, emission) = (Vec3::new(0.7, 0.5, 0.2), Vec3::new(1.0, 2.0, 3.0));
     let built = room(emissive(albedo, emission), emissive(albedo, emission), None);
-    for paths in [Paths::All, Paths::DiffuseTransfer] {
+    for paths in [Paths::All, Paths::Transfer, Paths::DiffuseTransfer] {
         let settings = Settings { spp: 512, per_bounce: true, paths, ..small() };
         let result = trace(&built, &LightRig::default(), &settings);
         let full = mean(&result.layers.full());
@@ -183,30 +183,39 @@ fn furnace() {
     }
 }
 
-/// With glossy surfaces the transfer's paths have a closed form too: `E + k_d E / (1 - R)`.
+/// With glossy surfaces the transfer's paths have a closed form too: `E + (k_d + k_g) E / (1 - R)`, without `k_g` where reflections are
+/// left out.
 #[test]
 fn furnace_of_the_transfer_is_known_for_glossy_surfaces() {
     let emission = Vec3::new(1.0, 2.0, 3.0);
     let material = Material { emission, specular: 1.0, roughness: 0.4, metallic: 0.2, ..lambertian(COLOR) };
     let built = room(material.clone(), material, None);
-    let settings = Settings { spp: 512, paths: Paths::DiffuseTransfer, ..small() };
-    let result = trace(&built, &LightRig::default(), &settings);
     let camera = &built.scene.cameras[0];
-    let expected = |i: usize| {
+    let expected = |i: usize, glossy: bool| {
         let (x, y) = ((i % 16) as f32 + 0.5, (i / 16) as f32 + 0.5);
         let ray = Ray::new(camera.position(), camera.direction(x, y, 16, 12));
         let surface = surface_at(&built.scene, &built.geometry, &built.accel.closest(&ray), ray.direction);
-        let diffuse = surface.diffuse(-ray.direction.dot(surface.shading_normal));
-        emission + diffuse * emission / (Vec3::ONE - surface.hemispherical_reflectance())
+        let cos = -ray.direction.dot(surface.shading_normal);
+        let specular = if glossy { surface.specular_albedo(cos) } else { Vec3::ZERO };
+        let reflected = surface.diffuse(cos) + specular;
+        emission + reflected * emission / (Vec3::ONE - surface.hemispherical_reflectance())
     };
-    let full = result.layers.full();
-    let expected_image = Image { pixels: (0..192).map(expected).collect(), ..full };
-    let error = relative_l2(&full, &expected_image);
-    assert!(result.noise.full < 0.02 && error < 1.5 * result.noise.full, "{error} {:?}", result.noise);
-    let ratio = mean(&full) / mean(&expected_image);
-    assert!((ratio - 1.0).abs().max_element() < 0.004, "{ratio}");
-    let all = trace(&built, &LightRig::default(), &Settings { paths: Paths::All, ..settings });
-    assert!(relative_l2(&all.layers.full(), &expected_image) > 0.025, "all paths are another truth");
+    for (paths, glossy) in [(Paths::Transfer, true), (Paths::DiffuseTransfer, false)] {
+        let settings = Settings { spp: 512, paths, ..small() };
+        let result = trace(&built, &LightRig::default(), &settings);
+        let full = result.layers.full();
+        let image =
+            |glossy| Image { pixels: (0..192).map(|i| expected(i, glossy)).collect(), ..full.clone() };
+        let (right, wrong) = (image(glossy), image(!glossy));
+        let error = relative_l2(&full, &right);
+        let allowed = 1.5 * result.noise.full;
+        assert!(result.noise.full < 0.02 && error < allowed, "{paths:?}: {error} {:?}", result.noise);
+        let ratio = mean(&full) / mean(&right);
+        assert!((ratio - 1.0).abs().max_element() < 0.004, "{paths:?}: {ratio}");
+        assert!(relative_l2(&full, &wrong) > 0.025, "{paths:?} must be told from the other truth");
+        let all = trace(&built, &LightRig::default(), &Settings { paths: Paths::All, ..settings });
+        println!("{paths:?}: {error}, {ratio}, all paths {}", relative_l2(&all.layers.full(), &right));
+    }
 }
 
 /// An emissive disc of radius `a` at height `h` over a parallel receiver: at the point below its centre the form
@@ -223,7 +232,7 @@ fn parallel_discs_have_their_form_factor() {
         .camera(Vec3::new(3.0, 0.7, 0.0), Vec3::ZERO, 0.05);
     let built = builder.build();
     let factor = |height: f32| radius * radius / (radius * radius + height * height);
-    for paths in [Paths::All, Paths::DiffuseTransfer] {
+    for paths in [Paths::All, Paths::Transfer, Paths::DiffuseTransfer] {
         let settings = Settings { width: 4, height: 4, spp: 1024, paths, ..small() };
         let result = trace(&built, &LightRig::default(), &settings);
         let error = |factor: f32| worst(&result.layers.direct, |_| COLOR * radiance * factor);
@@ -330,15 +339,13 @@ fn all_and_transfer_paths_agree_on_diffuse_scenes_only() {
     for lamp in [None, Some(Vec3::splat(5.0))] {
         let built = room(lambertian(Vec3::new(0.7, 0.6, 0.5)), lambertian(COLOR), lamp);
         let all = trace(&built, &room_lights(), &settings);
-        let transfer = trace(
-            &built,
-            &room_lights(),
-            &Settings { paths: Paths::DiffuseTransfer, seed: 9, ..settings.clone() },
-        );
-        let allowed = 1.5 * all.noise.full.hypot(transfer.noise.full);
-        // smooth normals on a coarse ball: geometric and shading cosines differ a little
-        let difference = relative_l2(&transfer.layers.full(), &all.layers.full());
-        assert!(difference < allowed.max(0.01), "{difference}, noise {allowed}");
+        for paths in [Paths::Transfer, Paths::DiffuseTransfer] {
+            let transfer = trace(&built, &room_lights(), &Settings { paths, seed: 9, ..settings.clone() });
+            let allowed = 1.5 * all.noise.full.hypot(transfer.noise.full);
+            // smooth normals on a coarse ball: geometric and shading cosines differ a little
+            let difference = relative_l2(&transfer.layers.full(), &all.layers.full());
+            assert!(difference < allowed.max(0.01), "{paths:?}: {difference}, noise {allowed}");
+        }
     }
     let metal = Material { metallic: 1.0, roughness: 0.3, ..Material::default() };
     let built = room(metal.clone(), metal, None);

@@ -42,7 +42,7 @@
 //! | [`trace`] | acceleration structure, rays, sampling sequences |
 //! | [`shade`] | how a point answers to a light |
 //! | [`sample`] | view samples, gather cloud, cluster tree, direct light on the cloud |
-//! | [`transfer`] | preparation, the two operators, their encodings, the cache file |
+//! | [`transfer`] | preparation, the operators, their encodings, the cache file |
 //! | [`relight`] | the engine: rig in, layers out |
 //! | [`mod@reference`] | the path tracer that everything is measured against |
 //! | [`image`] | layers, display transform, metrics |

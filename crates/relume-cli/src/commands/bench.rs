@@ -83,7 +83,7 @@ struct Figures<'a> {
     color_change_ms: f64,
     shadow_rays: u64,
     bounce_steps: u32,
-    /// Of both operators, as often as each is applied in a frame.
+    /// Of all operators, as often as each is applied in a frame.
     transfer_bytes_per_frame: u64,
     /// These bytes over the time of bounces within the cloud and of the final gather.
     transfer_gb_per_s: f64,
@@ -188,7 +188,8 @@ fn median(frames: &[FrameStats], of: impl Fn(&FrameStats) -> f64) -> f64 {
 impl Figures<'_> {
     fn of(transfer: &Transfer, moved: &[FrameStats], recolored: &[FrameStats]) -> Self {
         let steps = median(moved, |frame| f64::from(frame.bounce_steps));
-        let touched = transfer.gather.bytes() as f64 + steps * transfer.bounce.bytes() as f64;
+        let gathered = (transfer.gather.bytes() + transfer.glossy_bytes()) as f64;
+        let touched = gathered + steps * transfer.bounce.bytes() as f64;
         let applying = median(moved, |frame| frame.bounces_ms + frame.gather_ms);
         Self {
             cache: Path::new(""),

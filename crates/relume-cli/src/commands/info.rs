@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use relume::scene::Geometry;
-use relume::transfer::{FORMAT_VERSION, Operator, Report};
+use relume::transfer::{FORMAT_VERSION, Report};
 use relume::{Camera, Error, Light, LightKind, LightRig, Result, Transfer};
 use relume_io::{Imported, save_rig};
 use serde::Serialize;
@@ -227,7 +227,7 @@ impl Parts {
         let masks: usize = occluders.masks.masks.iter().map(|mask| size_of_val(&*mask.alpha)).sum();
         Self {
             gather_bytes: transfer.gather.bytes(),
-            glossy_bytes: transfer.glossy.as_ref().map_or(0, Operator::bytes),
+            glossy_bytes: transfer.glossy_bytes(),
             bounce_bytes: transfer.bounce.bytes(),
             view_samples_bytes: size_of_val(&*view.centers)
                 + size_of_val(&*view.quads)

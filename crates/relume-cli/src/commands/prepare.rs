@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use relume::sample::CloudMethod;
-use relume::transfer::{Encoding, Operator, Quality, RowMethod, Settings};
+use relume::transfer::{Encoding, Quality, RowMethod, Settings};
 use relume::{Preparation, Result, Transfer};
 use serde::Serialize;
 
@@ -231,7 +231,7 @@ impl<'a> Figures<'a> {
             rays_per_pixel: report.rays_per_pixel,
             rays_per_gather_sample: report.rays_per_gather_sample,
             gather_bytes: transfer.gather.bytes(),
-            glossy_bytes: transfer.glossy.as_ref().map_or(0, Operator::bytes),
+            glossy_bytes: transfer.glossy_bytes(),
             bounce_bytes: transfer.bounce.bytes(),
             gather_encoding_error: report.gather_error,
             glossy_encoding_error: report.glossy_error,

@@ -240,8 +240,7 @@ impl Relighter {
         self.stats.bounce_steps += steps;
         self.stats.bounces_ms += milliseconds(began);
         let began = Instant::now();
-        let gathered = self.transfer.gather.apply(&bounced);
-        let glossy = self.transfer.glossy.as_ref().map(|glossy| glossy.apply(&bounced));
+        let (gathered, glossy) = self.transfer.gather_from(&bounced);
         self.stats.gather_ms += milliseconds(began);
         let began = Instant::now();
         let glossy = glossy.as_deref().zip(self.tints.as_ref());

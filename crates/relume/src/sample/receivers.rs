@@ -57,6 +57,10 @@ const SAME_NORMAL: f32 = 0.9;
 /// Farthest that one may lie off the other's plane, in pixels at that distance.
 const SAME_PLANE: f32 = 1.0;
 
+/// Farthest that their roughnesses may lie apart, where both are sharp, and how much more at roughness 1 (it grows with the square, as the
+/// lobe does): reflections are seen along one lobe.
+const SAME_LOBE: (f32, f32) = (0.1, 0.3);
+
 /// Where one sample takes its light from.
 #[derive(Clone, Copy)]
 enum Source {
@@ -156,13 +160,16 @@ fn sources(view: &ViewSamples, row: usize, pixel: f32) -> (Vec<Source>, Vec<u32>
     (sources, further)
 }
 
-/// Whether `sample` lies in the plane of `receiver` and faces as it does. `pixel` is the angle of a pixel.
+/// Whether `sample` lies in the plane of `receiver`, faces as it does and is about as rough. `pixel` is the angle of a pixel.
 fn serves(receiver: &ViewSample, sample: &ViewSample, pixel: f32) -> bool {
     let faces = |of: &ViewSample| (of.geometric_normal.get(), of.shading_normal.get());
     let ((geometric, shading), (its_geometric, its_shading)) = (faces(sample), faces(receiver));
     let apart = sample.position - receiver.position;
     let off_plane = apart.dot(geometric).abs().max(apart.dot(its_geometric).abs());
-    its_geometric.dot(geometric) > SAME_FACE
+    let (rough, its_rough) = (sample.roughness(), receiver.roughness());
+    let wide = rough.min(its_rough).powi(2);
+    (rough - its_rough).abs() < SAME_LOBE.0 + SAME_LOBE.1 * wide
+        && its_geometric.dot(geometric) > SAME_FACE
         && its_shading.dot(shading) > SAME_NORMAL
         && off_plane < SAME_PLANE * pixel * sample.depth
 }

@@ -35,14 +35,43 @@ pub(super) enum Encoder<'a> {
 /// The reflectance that the price of a byte is meant for: what a diffuse row says is multiplied by about this.
 const USUAL_REFLECTANCE: f32 = 0.5;
 
+/// The mean square of what the points' specular lobes reflect.
+fn mean_square_reflectance(points: &[GatherPoint]) -> f32 {
+    let square = |point: &GatherPoint| point.lobe.map_or(0.0, |lobe| lobe.reflectance().powi(2));
+    points.iter().map(square).sum::<f32>() / points.len().max(1) as f32
+}
+
 impl Encoder<'_> {
-    /// The encoder of rows along the specular lobes of `points`: bytes are worth what the lobes reflect.
-    fn for_lobes_of(self, points: &[GatherPoint]) -> Self {
+    /// The encoder of rows that are multiplied by something of this mean square: a byte brings so much less light.
+    fn worth(self, mean_square: f32) -> Self {
         let Self::LowRank { mut settings, prior } = self else { return self };
-        let square = |point: &GatherPoint| point.lobe.map_or(0.0, |lobe| lobe.reflectance().powi(2));
-        let mean = points.iter().map(square).sum::<f32>() / points.len().max(1) as f32;
-        settings.price *= USUAL_REFLECTANCE * USUAL_REFLECTANCE / mean.max(1e-8);
+        settings.price *= USUAL_REFLECTANCE * USUAL_REFLECTANCE / mean_square;
         Self::LowRank { settings, prior }
+    }
+
+    /// `rows` rows of `count` zeros.
+    fn nothing(self, rows: usize, count: usize) -> EncodedBlock {
+        match self {
+            Self::LowRank { prior, .. } => EncodedBlock::LowRank(low_rank_encoder::nothing(rows, prior)),
+            Self::HaarRows { per_row } => {
+                EncodedBlock::HaarRows(haar_rows::encode(&vec![0.0; rows * count], count, per_row))
+            }
+        }
+    }
+}
+
+impl EncodedBlock {
+    /// Makes what the block holds and misses count so many times.
+    fn weigh(&mut self, weight: f64) {
+        match self {
+            Self::LowRank(block) => {
+                block.energy.iter_mut().chain(&mut block.lost).for_each(|value| *value *= weight);
+            }
+            Self::HaarRows(block) => {
+                block.energy *= weight;
+                block.lost *= weight;
+            }
+        }
     }
 }
 
@@ -51,7 +80,7 @@ impl Encoder<'_> {
 pub(super) struct Plan<'a> {
     pub(super) estimator: RowEstimator<'a>,
     pub(super) encoder: Encoder<'a>,
-    /// Also the operator along the points' specular lobes.
+    /// Also the operator along the points' specular lobes, where any has one.
     pub(super) glossy: bool,
     /// Columns: cells of the cloud.
     pub(super) count: usize,
@@ -60,7 +89,7 @@ pub(super) struct Plan<'a> {
 /// Operators and what they took.
 pub(super) struct Computed {
     pub(super) operator: Operator,
-    /// Along specular lobes, where it was asked for.
+    /// Along specular lobes, where it was asked for and there are any.
     pub(super) glossy: Option<Operator>,
     pub(super) rays: u64,
 }
@@ -94,6 +123,7 @@ pub(super) fn compute(plan: Plan<'_>, blocks: &Blocks, progress: &dyn Progress) 
         runs.push(run);
         rest = after;
     }
+    let plan = Plan { glossy: plan.glossy && blocks.points.iter().any(|p| p.lobe.is_some()), ..plan };
     let workplaces = Workplaces::default();
     let done: Vec<Done> = runs
         .into_par_iter()
@@ -140,13 +170,20 @@ impl Workplace {
         let mut rays = self.estimate(plan, points);
         let diffuse = self.encode(plan.encoder, plan.count, points.len());
         let glossy = plan.glossy.then(|| {
+            let square = mean_square_reflectance(points);
+            if square == 0.0 {
+                return plan.encoder.nothing(points.len(), plan.count);
+            }
             rays += self.estimate_glossy(plan, points);
-            self.encode(plan.encoder.for_lobes_of(points), plan.count, points.len())
+            let mut block = self.encode(plan.encoder.worth(square), plan.count, points.len());
+            block.weigh(f64::from(square));
+            block
         });
         Done { diffuse, glossy, rays }
     }
 
     fn estimate(&mut self, plan: Plan<'_>, points: &[GatherPoint]) -> u64 {
+        self.scratch.keep = plan.glossy && points.iter().any(|point| point.lobe.is_some());
         self.clear(points.len() * plan.count);
         match plan.estimator {
             RowEstimator::Balanced(source) => source.block(points, &mut self.rows, &mut self.scratch),

@@ -18,9 +18,9 @@ use crate::shade::LobeTerms;
 use crate::trace::sampling::{hash, sobol_2d};
 use crate::trace::{Hit, Ray};
 
-/// `b`: how far a hit that is expected is trusted against a form factor. More leave more to the hits, which are noisier; fewer leave
-/// cells to form factors that are large enough for these to be wrong.
-const BALANCE: f32 = 0.1;
+/// `b`: how far a hit that is expected is trusted against a form factor. Fewer leave more of a lobe to form factors, of which one may
+/// stand for a whole cluster: single rows then miss their sums by far. More leave wide lobes to the hits alone, which are noisier.
+const BALANCE: f32 = 2.0;
 
 /// Responses and densities of the lobes of a tile towards some cells, a row a point, times `cos_x / r^2` and the area.
 struct Lobes {
@@ -40,26 +40,19 @@ struct Targets {
 struct ShinyTile<'a> {
     /// Its number in the block.
     number: usize,
-    tile: Tile<'a>,
+    tile: &'a Tile<'a>,
     lobes: Vec<LobeTerms>,
     /// Hemisphere and lobe rays of each of its points.
     rays: [usize; 2],
 }
 
-impl<'a> ShinyTile<'a> {
-    fn new(number: usize, tile: Tile<'a>, rays: [usize; 2]) -> Option<Self> {
-        let lobes: Vec<LobeTerms> =
-            tile.points.iter().map(|point| point.lobe.map(|lobe| lobe.terms()).unwrap_or_default()).collect();
-        let shiny = tile.points.iter().any(|point| point.lobe.is_some());
-        shiny.then_some(Self { number, tile, lobes, rays })
-    }
-
+impl ShinyTile<'_> {
     /// How many of the tile's rays are expected to hit each of the targets. `shares` are form factors added up over the tile.
     fn expected_hits(&self, terms: &Lobes, targets: &Targets, shares: &[f32]) -> Vec<f32> {
         let [hemisphere, lobe] = self.rays.map(|rays| rays as f32);
         let mut expected: Vec<f32> =
             targets.cells.iter().map(|&cell| hemisphere * shares[cell as usize]).collect();
-        for densities in terms.densities.chunks_exact(expected.len().max(1)) {
+        for densities in terms.densities.chunks_exact(expected.len()) {
             expected.iter_mut().zip(densities).for_each(|(expected, density)| *expected += lobe * density);
         }
         expected
@@ -76,24 +69,28 @@ impl RowSource<'_> {
         scratch: &mut RowScratch,
     ) -> u64 {
         let tiling = std::mem::take(&mut scratch.tiling);
-        let tiles = || tiling.tiles.iter().map(|members| Tile::new(points, members));
-        let shiny = |(number, tile): (usize, Tile<'_>)| {
-            let rays = [scratch.found_ends[number].1, self.rays_each(&tile, self.settings.lobe_rays)];
-            ShinyTile::new(number, tile, rays)
-        };
-        let shiny: Vec<ShinyTile<'_>> = tiles().enumerate().filter_map(shiny).collect();
+        let tiles: Vec<Tile<'_>> = tiling.tiles.iter().map(|members| Tile::new(points, members)).collect();
+        let shiny: Vec<ShinyTile<'_>> = tiles
+            .iter()
+            .enumerate()
+            .filter(|(_, tile)| tile.points.iter().any(|point| point.lobe.is_some()))
+            .map(|(number, tile)| ShinyTile {
+                number,
+                tile,
+                lobes: lobes_of(tile),
+                rays: [scratch.found_ends[number].1, self.rays_each(tile, self.settings.lobe_rays)],
+            })
+            .collect();
         let mut rays = 0;
         for shiny in &shiny {
             rays += self.add_glossy_hits(shiny, rows, scratch);
         }
-        let tiles: Vec<Tile<'_>> = if shiny.is_empty() { Vec::new() } else { tiles().collect() };
-        for chunk in self.chunks().filter(|_| !shiny.is_empty()) {
+        for chunk in self.chunks() {
             self.form_factors(points, &tiles, chunk, scratch);
             for shiny in &shiny {
                 self.add_glossy_form_factors(shiny, &tiling, chunk, rows, scratch);
             }
         }
-        drop((shiny, tiles));
         scratch.tiling = tiling;
         rays
     }
@@ -134,7 +131,7 @@ impl RowSource<'_> {
         let (count, members) = (self.patches.len(), shiny.tile.members);
         let mut terms = [[0.0; TILE]; 3];
         let [geometry, responses, densities] = terms.each_mut().map(|terms| &mut terms[..members.len()]);
-        terms_at(&shiny.tile, &shiny.lobes, found, geometry, responses, densities);
+        terms_at(shiny.tile, &shiny.lobes, found, geometry, responses, densities);
         let sum = |values: &[f32]| values.iter().sum::<f32>();
         // a square metre
         let expected = shiny.rays[0] as f32 * sum(geometry) + shiny.rays[1] as f32 * sum(densities);
@@ -159,7 +156,7 @@ impl RowSource<'_> {
         rows: &mut [f32],
         scratch: &mut RowScratch,
     ) {
-        let targets = self.targets(tiling, &shiny.tile, chunk, scratch);
+        let targets = self.targets(tiling, shiny.tile, chunk, scratch);
         if targets.cells.is_empty() {
             return;
         }
@@ -194,6 +191,10 @@ impl RowSource<'_> {
         targets.cells = cells;
         targets
     }
+}
+
+fn lobes_of(tile: &Tile<'_>) -> Vec<LobeTerms> {
+    tile.points.iter().map(|point| point.lobe.map(|lobe| lobe.terms()).unwrap_or_default()).collect()
 }
 
 fn terms_towards(shiny: &ShinyTile<'_>, targets: &Targets) -> Lobes {

@@ -83,6 +83,20 @@ pub(super) fn encode(x: &[f32], rows: usize, settings: &LowRankSettings, prior: 
     Encoded { shape, steps, v, v_scales, u, u_scales, energy, lost }
 }
 
+/// `rows` rows of zeros.
+pub(super) fn nothing(rows: usize, prior: &LightPrior) -> Encoded {
+    Encoded {
+        shape: BlockShape { rows: rows as u32, rank: 0, kept: 0 },
+        steps: Vec::new(),
+        v: Vec::new(),
+        v_scales: Vec::new(),
+        u: Vec::new(),
+        u_scales: Vec::new(),
+        energy: vec![0.0; prior.held_lights],
+        lost: vec![0.0; prior.held_lights],
+    }
+}
+
 /// The rows `which` of a matrix of `columns` columns; zeros for `u32::MAX`.
 fn rows_of(values: &[f32], columns: usize, which: impl Iterator<Item = u32>) -> Vec<f32> {
     let mut picked = Vec::new();

@@ -34,6 +34,8 @@ pub use occluders::Occluders;
 pub use operator::{Encoding, Matrix, Operator};
 pub use preparation::{Preparation, Quality, RowMethod, Settings};
 
+use glam::Vec3;
+
 use crate::sample::{GatherCloud, Receivers, ViewSamples};
 
 /// A prepared shot: all that relighting needs, and nothing of the scene file.
@@ -99,8 +101,35 @@ pub struct Timings {
 impl Transfer {
     /// Bytes of all operators a pixel of the image.
     pub fn bytes_per_pixel(&self) -> f64 {
-        let glossy = self.glossy.as_ref().map_or(0, Operator::bytes);
-        (self.gather.bytes() + glossy + self.bounce.bytes()) as f64 / self.view.pixels().max(1) as f64
+        let bytes = self.gather.bytes() + self.glossy_bytes() + self.bounce.bytes();
+        bytes as f64 / self.view.pixels().max(1) as f64
+    }
+
+    /// Bytes of the glossy operator; 0 without.
+    pub fn glossy_bytes(&self) -> usize {
+        self.glossy.as_ref().map_or(0, Operator::bytes)
+    }
+
+    /// `F_d g` and, where there are reflections, `F_g g`: one RGB a row.
+    ///
+    /// # Panics
+    /// If `light` has not one entry a gather sample.
+    pub fn gather_from(&self, light: &[Vec3]) -> (Vec<Vec3>, Option<Vec<Vec3>>) {
+        let coefficients = Coefficients::new(light, &self.gather.weights);
+        let apply = |operator: &Operator, coefficients: &Coefficients| {
+            let mut out = vec![Vec3::ZERO; operator.rows];
+            operator.apply_coefficients(coefficients, &mut out);
+            out
+        };
+        let glossy = self.glossy.as_ref().map(|glossy| {
+            // both learn from the same prior, unless a file says otherwise
+            if *glossy.weights == *self.gather.weights {
+                apply(glossy, &coefficients)
+            } else {
+                glossy.apply(light)
+            }
+        });
+        (apply(&self.gather, &coefficients), glossy)
     }
 
     /// Pixels whose centre reflects light.

@@ -26,8 +26,8 @@ pub enum Matrix {
     HaarRows(HaarRows),
 }
 
-/// Irradiance over pi: applied to outgoing radiance on the cloud, gives for each row `F_d g`, the mean radiance that
-/// arrives, weighted by the cosine, W/(sr m^2).
+/// Applied to outgoing radiance on the cloud, gives for each row the mean radiance that arrives, W/(sr m^2): weighted by the cosine (`F_d g`,
+/// irradiance over pi), or by a specular lobe (`F_g g`).
 #[derive(Clone, Debug)]
 pub struct Operator {
     /// Rows.

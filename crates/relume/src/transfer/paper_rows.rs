@@ -48,17 +48,35 @@ pub(super) struct PaperRows<'a> {
 impl PaperRows<'_> {
     /// Fills one row of the diffuse final gather, all zero on entry. Returns the number of rays.
     pub(super) fn row(&self, point: &GatherPoint, row: &mut [f32]) -> u64 {
-        self.row_of(point, |direction| point.shading_normal.dot(direction).max(0.0) * FRAC_1_PI, row)
+        let response = |direction: Vec3| point.shading_normal.dot(direction).max(0.0) * FRAC_1_PI;
+        self.row_of(point, response, |_, _| 1.0, CLAMP, row)
     }
 
     /// The same of the glossy final gather: "the subdivision threshold will depend on the value of the lobe".
     pub(super) fn glossy_row(&self, point: &GatherPoint, row: &mut [f32]) -> u64 {
         let Some(lobe) = point.lobe else { return 0 };
-        self.row_of(point, |direction| lobe.response(direction), row)
+        let mirrored = lobe.mirrored();
+        let peak = |middle: Vec3, radius: f32| {
+            let (distance, direction) = (middle.length(), middle.normalize_or(mirrored));
+            let (apart, cone) = (direction.angle_between(mirrored), (radius / distance.max(radius)).asin());
+            // the direction within the cluster's cone that is nearest to the lobe's peak
+            let way = if apart > cone { cone / apart } else { 1.0 };
+            PI * lobe.response(direction.lerp(mirrored, way).normalize_or(mirrored))
+        };
+        // one cell may rightly hold all of a lobe
+        self.row_of(point, |direction| lobe.response(direction), peak, 1.0, row)
     }
 
-    /// `response` is the BRDF times the cosine towards a unit direction.
-    fn row_of(&self, point: &GatherPoint, response: impl Fn(Vec3) -> f32, row: &mut [f32]) -> u64 {
+    /// `response` is the BRDF times the cosine towards a unit direction. `peak` says how many times the diffuse response it is at most
+    /// towards a sphere, given by its middle from the point and its radius. Entries are at most `clamp`.
+    fn row_of(
+        &self,
+        point: &GatherPoint,
+        response: impl Fn(Vec3) -> f32,
+        peak: impl Fn(Vec3, f32) -> f32,
+        clamp: f32,
+        row: &mut [f32],
+    ) -> u64 {
         let mut rays = 0;
         let mut waiting = vec![(self.bounds.levels.len() - 1, 0_usize)];
         while let Some((level, cluster)) = waiting.pop() {
@@ -67,8 +85,9 @@ impl PaperRows<'_> {
                 continue;
             }
             let middle = 0.5 * (low + high) - point.position;
-            let peak = (response(middle.normalize_or_zero()) * PI).max(1.0);
-            if level > 0 && low.distance_squared(high) * peak > self.threshold * middle.length_squared() {
+            let diagonal = low.distance_squared(high);
+            let sharpness = peak(middle, 0.5 * diagonal.sqrt()).max(1.0);
+            if level > 0 && diagonal * sharpness > self.threshold * middle.length_squared() {
                 waiting.extend((0..4).map(|child| (level - 1, 4 * cluster + child)));
                 continue;
             }
@@ -87,7 +106,7 @@ impl PaperRows<'_> {
                 let origin = offset_origin(point.position, point.geometric_normal);
                 let target = offset_origin(sample.position, sample.normal);
                 if !self.accel.occluded(&Ray::between(origin, target)) {
-                    row[samples].fill(factor.min(CLAMP));
+                    row[samples].fill(factor.min(clamp));
                 }
             }
         }

@@ -74,6 +74,8 @@ pub(super) struct RowScratch {
     blocked: Vec<bool>,
     pub(super) hits: Vec<Hit>,
     pub(super) tiling: Tiling,
+    /// Whether what was found and seen is kept for the glossy rows of the same points.
+    pub(super) keep: bool,
     /// Hemisphere hits of all tiles, tile by tile.
     pub(super) found: Vec<Found>,
     /// Where each tile's end, and how many rays each of its points sent.
@@ -219,7 +221,9 @@ impl RowSource<'_> {
         let terms = &mut geometry_terms[..tile.points.len()];
         for (ray, hit) in scratch.rays.iter().zip(&scratch.hits) {
             let Some(found) = self.found(ray, hit) else { continue };
-            scratch.found.push(found);
+            if scratch.keep {
+                scratch.found.push(found);
+            }
             let cell = found.cell as usize;
             let total = geometry_factors(tile, found.position, found.normal, terms);
             if total <= 0.0 {
@@ -277,6 +281,10 @@ impl RowSource<'_> {
     /// tile together.
     fn look(&self, tiles: &[Tile<'_>], chunk: Chunk, block_seed: u32, scratch: &mut RowScratch) -> u64 {
         let mut rays = 0;
+        if !scratch.keep {
+            scratch.seen.clear();
+            scratch.ends.clear();
+        }
         for (number, tile) in tiles.iter().enumerate() {
             self.ask(tile, (number, block_seed), chunk, scratch);
             scratch.rays.clear();
@@ -354,6 +362,7 @@ impl RowSource<'_> {
 impl RowScratch {
     /// What the tiles near a point told of a chunk, whose form factors are at hand: visibility of its cells from the point.
     pub(super) fn see(&mut self, tiling: &Tiling, chunk: Chunk, member: usize) {
+        let first = self.first_end(tiling, chunk);
         let Self { factors, shares, seen, ends, visible, told, .. } = self;
         let factors = &factors[chunk.row(member)];
         visible.fill(0.0);
@@ -361,7 +370,7 @@ impl RowScratch {
         for &(near, weight) in &tiling.near[member] {
             let shares = &shares[chunk.row(near as usize)];
             add_where_asked(told, factors, shares, weight);
-            for &(cell, counts) in seen_by(seen, ends, chunk.number * tiling.tiles.len() + near as usize) {
+            for &(cell, counts) in seen_by(seen, ends, first + near as usize) {
                 if is_asked(factors[cell as usize], shares[cell as usize]) {
                     visible[cell as usize] += weight * counts;
                 }
@@ -382,10 +391,14 @@ impl RowScratch {
             .collect();
         near.sort_unstable();
         near.dedup();
-        let look = move |tile: u32| {
-            seen_by(&self.seen, &self.ends, chunk.number * tiling.tiles.len() + tile as usize)
-        };
+        let first = self.first_end(tiling, chunk);
+        let look = move |tile: u32| seen_by(&self.seen, &self.ends, first + tile as usize);
         near.into_iter().flat_map(look).map(|&(cell, _)| cell)
+    }
+
+    /// Where the ends of a chunk's tiles begin.
+    fn first_end(&self, tiling: &Tiling, chunk: Chunk) -> usize {
+        if self.keep { chunk.number * tiling.tiles.len() } else { 0 }
     }
 
     /// Unshadowed form factors added up over a tile, of the chunk at hand.

@@ -50,7 +50,7 @@ pub(crate) struct EncodingReport {
     pub(crate) encoding: String,
     /// All that it was prepared with.
     pub(crate) settings: Settings,
-    /// Both operators, over all pixels of the image.
+    /// All operators, over all pixels of the image.
     pub(crate) bytes_per_pixel: f64,
     /// Wall-clock seconds of the preparation, on this many threads.
     pub(crate) prepare_seconds: f64,

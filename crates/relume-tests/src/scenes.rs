@@ -40,6 +40,7 @@ pub fn rig(lights: impl IntoIterator<Item = LightKind>) -> LightRig {
     LightRig {
         exposure: 0.0,
         lights: lights.map(|(i, kind)| Light { name: format!("light {i}"), enabled: true, kind }).collect(),
+        emitters: Vec::new(),
     }
 }
 

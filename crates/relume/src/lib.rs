@@ -20,7 +20,7 @@
 //! transfer.save(folder.join("arcade.relume"))?; // `Transfer::load` reads it back, here or elsewhere
 //!
 //! let lamp = LightKind::Omni { position: Vec3::new(-2.6, 2.1, -0.9), intensity: Vec3::splat(12.0), radius: 0.05 };
-//! let rig = LightRig { lights: vec![Light { name: "lamp".into(), enabled: true, kind: lamp }], exposure: 0.0 };
+//! let rig = LightRig { lights: vec![Light { name: "lamp".into(), enabled: true, kind: lamp }], ..LightRig::default() };
 //! let layers = Relighter::new(transfer).relight(&rig, &RelightSettings::default())?;
 //! write_exr(folder.join("arcade.exr"), &layers, &ExrMeta::default())?;
 //!
@@ -68,5 +68,5 @@ pub use error::{Error, Result};
 pub use glam;
 pub use progress::Progress;
 pub use relight::Relighter;
-pub use scene::{Camera, Light, LightKind, LightRig, Scene};
+pub use scene::{Camera, Emitter, Light, LightKind, LightRig, Scene};
 pub use transfer::{Preparation, Transfer};

@@ -13,6 +13,7 @@ use serde::Serialize;
 use crate::arguments::{Threads, antialiasing};
 use crate::console::Console;
 use crate::report::{Table, bytes, count, plural};
+use crate::scene_file::check_emitters;
 
 /// Measure a relit frame, stage by stage, while one light moves and the others stay.
 ///
@@ -95,6 +96,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     arguments.threads.start()?;
     let mut relighter =
         console.stage("reading the cache", || Transfer::load(&arguments.cache).map(Relighter::new))?;
+    check_emitters(&rig, &arguments.rig, &relighter.transfer().report.materials)?;
     let settings = RelightSettings { bounces: arguments.bounces, aa: arguments.aa, ..Default::default() };
     relighter.relight(&rig, &settings)?;
     let first_frame_ms = relighter.stats().frame_ms;
@@ -276,7 +278,8 @@ mod tests {
     #[test]
     fn a_local_light_moves_before_a_distant_one() {
         let path = Path::new("rig.toml");
-        let mut rig = LightRig { exposure: 0.0, lights: vec![light("sun", distant()), light("key", omni())] };
+        let mut rig =
+            LightRig { lights: vec![light("sun", distant()), light("key", omni())], ..LightRig::default() };
         assert_eq!(moving_light(&rig, None, path).unwrap(), 1);
         assert_eq!(moving_light(&rig, Some("sun"), path).unwrap(), 0);
         assert!(moving_light(&rig, Some("moon"), path).unwrap_err().to_string().contains("`sun`, `key`"));

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use relume::glam::Vec3;
 use relume::scene::Geometry;
 use relume::transfer::{FORMAT_VERSION, Report};
 use relume::{Camera, Error, Light, LightKind, LightRig, Result, Transfer};
@@ -83,6 +84,8 @@ struct SceneContents<'a> {
     texture_bytes: usize,
     cameras: Vec<CameraContents<'a>>,
     lights: Vec<LightContents<'a>>,
+    /// Names of materials that shine.
+    emitters: Vec<&'a str>,
     /// Lowest and highest corner of the box round everything, metres, world space.
     bounds: Option<[[f32; 3]; 2]>,
     warnings: &'a [String],
@@ -115,6 +118,12 @@ impl<'a> SceneContents<'a> {
             texture_bytes: scene.textures.iter().map(|texture| size_of_val(&*texture.texels)).sum(),
             cameras: scene.cameras.iter().map(CameraContents::new).collect(),
             lights: scene.lights.lights.iter().map(LightContents::new).collect(),
+            emitters: scene
+                .materials
+                .iter()
+                .filter(|material| material.emission != Vec3::ZERO)
+                .map(|material| material.name.as_str())
+                .collect(),
             bounds: geometry.bounds().map(|(low, high)| [low.to_array(), high.to_array()]),
             warnings,
         }
@@ -140,6 +149,10 @@ impl<'a> LightContents<'a> {
         };
         Self { name: &light.name, r#type: kind }
     }
+}
+
+fn named(names: &[&str]) -> String {
+    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
 }
 
 fn point([x, y, z]: [f32; 3]) -> String {
@@ -184,6 +197,9 @@ impl std::fmt::Display for SceneContents<'_> {
         if self.lights.is_empty() {
             table.line("lights", "none in the file");
         }
+        if !self.emitters.is_empty() {
+            table.line("emitters", named(&self.emitters));
+        }
         if let Some([low, high]) = self.bounds {
             table.line("bounds", format!("{} to {} m", point(low), point(high)));
         }
@@ -204,6 +220,8 @@ struct CacheContents<'a> {
     lit_pixels: usize,
     receivers: usize,
     gather_samples: usize,
+    /// Names of materials that shine in the shot.
+    emitters: Vec<&'a str>,
     /// Sizes in memory, which are those in the file but for its header.
     parts: Parts,
     #[serde(flatten)]
@@ -252,6 +270,11 @@ impl<'a> CacheContents<'a> {
             lit_pixels: transfer.lit_pixels(),
             receivers: transfer.gather.rows,
             gather_samples: transfer.cloud.len(),
+            emitters: transfer
+                .emissive_materials()
+                .iter()
+                .map(|&material| transfer.report.materials[material as usize].as_str())
+                .collect(),
             parts: Parts::of(transfer),
             report: &transfer.report,
         })
@@ -298,6 +321,9 @@ impl std::fmt::Display for CacheContents<'_> {
                 settings.seed
             ),
         );
+        if !self.emitters.is_empty() {
+            table.line("emitters", named(&self.emitters));
+        }
         table.line("transfer", format!("{:.1} bytes a pixel", self.bytes_per_pixel));
         table.line("  diffuse gather", size(parts.gather_bytes));
         table.line("  glossy gather", size(parts.glossy_bytes));

@@ -113,6 +113,8 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     arguments.threads.start()?;
     let imported = scene_file::read(&arguments.scene, console)?;
     let camera = scene_file::camera(&imported.scene, arguments.camera.as_deref(), &arguments.scene)?;
+    let materials: Vec<&str> = imported.scene.materials.iter().map(|m| m.name.as_str()).collect();
+    scene_file::check_emitters(&rig, &arguments.rig, &materials)?;
     let settings = arguments.settings(camera);
     let began = Instant::now();
     let tracer = Tracer::new(&imported.scene, console)?;

@@ -14,6 +14,7 @@ use crate::console::Console;
 use crate::interrupt;
 use crate::output::{self, ImageKind, ImageOutput, number, text};
 use crate::report::{Table, count, duration};
+use crate::scene_file::check_emitters;
 
 /// Relight a prepared shot: soft shadows and all bounces of indirect light, from the cache alone.
 #[derive(Args)]
@@ -78,6 +79,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let mut relighter =
         console.stage("reading the cache", || Transfer::load(&arguments.cache).map(Relighter::new))?;
     let load_seconds = began.elapsed().as_secs_f64();
+    check_emitters(&rig, &arguments.rig, &relighter.transfer().report.materials)?;
     let settings = RelightSettings {
         bounces: arguments.bounces,
         aa: arguments.aa,

@@ -186,6 +186,33 @@ fn the_papers_encoding_and_rows_stay_available() {
 }
 
 #[test]
+fn reflections_can_be_left_out_and_traced_without() {
+    let work = Workplace::new();
+    let prepare = |output: &str, more: &[&str]| {
+        let arguments = [&["prepare", "room.gltf", "-o", output][..], &SMALL, more].concat();
+        work.json(&arguments, &["glossy_bytes", "gather_bytes"])
+    };
+    let (with, without) = (prepare("with.relume", &[]), prepare("without.relume", &["--no-glossy"]));
+    assert_eq!(without["settings"]["glossy"], false);
+    assert_eq!(without["glossy_bytes"], 0);
+    assert!(without["glossy_encoding_error"].is_null());
+    assert!(with["glossy_bytes"].as_u64().unwrap() > 0 && with["glossy_encoding_error"].is_number());
+    let error = |cache: &str, paths: &str| {
+        work.succeed(&["relight", cache, "--rig", "rig.toml", "-o", "relit.exr"]);
+        let truth = ["reference", "room.gltf", "--rig", "rig.toml", "-o", "truth.exr", "--spp", "256"];
+        work.succeed(&[&truth[..], &["--size", "32x24", "--paths", paths]].concat());
+        let key = "relative_l2_less_noise";
+        work.json(&["compare", "relit.exr", "truth.exr", "--layer", "indirect"], &[key])[key]
+            .as_f64()
+            .unwrap()
+    };
+    let [own, other] = ["diffuse", "transfer"].map(|paths| error("without.relume", paths));
+    let reflected = error("with.relume", "transfer");
+    println!("without reflections {own}, {other}; with {reflected}");
+    assert!(own < other && reflected < other, "{own} {other} {reflected}");
+}
+
+#[test]
 fn progress_is_plain_lines_away_from_a_terminal_and_quiet_on_demand() {
     let work = Workplace::new();
     let ran = work.succeed(&[&["prepare", "room.gltf"][..], &SMALL].concat());

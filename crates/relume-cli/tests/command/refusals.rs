@@ -34,6 +34,18 @@ fn outputs_are_refused_before_any_work() {
 }
 
 #[test]
+fn an_emitter_of_no_material_is_told_with_the_rig_and_the_materials() {
+    let work = Workplace::prepared();
+    let rig = format!("{RIG}\n[[emitter]]\nmaterial = \"neon\"\nscale = [1, 1, 1]\n");
+    work.write("neon.toml", rig.as_bytes());
+    let message = "neon.toml: emitter `neon`: the scene";
+    work.refused(&with(&RELIGHT, "rig.toml", "neon.toml"), 2, message);
+    work.refused(&["bench", "room.relume", "--rig", "neon.toml"], 2, message);
+    let reference = ["reference", "room.gltf", "--rig", "neon.toml", "--spp", "1", "-o", "out.exr"];
+    work.refused(&reference, 2, message);
+}
+
+#[test]
 fn inputs_are_never_overwritten() {
     let work = Workplace::new();
     work.write("a.exr", b"");

@@ -52,7 +52,7 @@ pub(crate) fn load(path: &Path) -> Result<Imported> {
 
     let Nodes { meshes: mesh_nodes, cameras, lights } = nodes;
     let instances = place(&document, &mesh_nodes, &mesh_of);
-    let lights = LightRig { exposure: 0.0, lights };
+    let lights = LightRig { lights, ..LightRig::default() };
     Ok(Imported { scene: Scene { meshes, instances, materials, textures, cameras, lights }, warnings })
 }
 

@@ -1,7 +1,7 @@
 use std::collections::HashMap;
 
 use relume::glam::Vec3;
-use relume::{Error, Light, LightKind, LightRig, Result};
+use relume::{Emitter, Error, Light, LightKind, LightRig, Result};
 
 use super::keys::LightType;
 
@@ -45,6 +45,19 @@ pub(super) fn light_faults(light: &Light) -> Vec<Fault> {
     faults.0
 }
 
+/// Everything that makes the values of `emitter` unusable, key by key.
+pub(super) fn emitter_faults(emitter: &Emitter) -> Vec<Fault> {
+    let mut faults = Faults(Vec::new());
+    if emitter.material.is_empty() {
+        faults.add(
+            "material",
+            "`material` must not be empty; name an emissive material of the scene".to_owned(),
+        );
+    }
+    faults.color("scale", emitter.scale);
+    faults.0
+}
+
 /// What is wrong with an exposure, if anything.
 pub(super) fn exposure_fault(exposure: f32) -> Option<String> {
     (!exposure.is_finite()).then(|| format!("`exposure` must be a finite number of stops, not {exposure}"))
@@ -72,6 +85,15 @@ pub(super) fn check_rig(rig: &LightRig) -> Result<()> {
             let kind = LightType::of(&light.kind).name();
             return Err(Error::Setting(format!("{kind} light `{}`: {fault}", light.name)));
         }
+    }
+    for emitter in &rig.emitters {
+        if let Some((_, fault)) = emitter_faults(emitter).into_iter().next() {
+            return Err(Error::Setting(format!("emitter `{}`: {fault}", emitter.material)));
+        }
+    }
+    if let Some(&(second, _)) = repeated_names(rig.emitters.iter().map(|e| e.material.as_str())).first() {
+        let name = &rig.emitters[second].material;
+        return Err(Error::Setting(format!("two emitters name the material `{name}`; keep one of them")));
     }
     match repeated_names(rig.lights.iter().map(|light| light.name.as_str())).first() {
         Some(&(second, _)) => {

@@ -8,6 +8,9 @@ pub(super) enum LightType {
     Distant,
 }
 
+/// Keys of an emitter, with examples.
+pub(super) const EMITTER: [(&str, &str); 2] = [("material", "\"lamp\""), ("scale", "[0.5, 0.5, 0.5]")];
+
 /// A key of a light.
 pub(super) struct Key {
     pub(super) name: &'static str,

@@ -23,9 +23,12 @@
 //! direction = [0.3, -1.0, 0.2]        # the way the light travels
 //! irradiance = [3.0, 2.8, 2.5]        # W/m^2 at normal incidence, linear RGB
 //! angle = 0.53                        # optional: diameter, degrees
+//! [[emitter]]                         # emissive materials that shine otherwise than in the scene
+//! material = "lamp"                   # its name in the scene
+//! scale = [0.5, 0.4, 0.3]             # times what it emits there, linear RGB
 //! ```
 //!
-//! The keys are the field names of [`relume::LightKind`]. Whatever is wrong is told with its line.
+//! The keys are the field names of [`relume::LightKind`] and [`relume::Emitter`]. Whatever is wrong is told with its line.
 
 mod check;
 mod keys;

@@ -1,10 +1,10 @@
 use relume::glam::Vec3;
-use relume::{Light, LightKind, LightRig};
+use relume::{Emitter, Light, LightKind, LightRig};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::check::{exposure_fault, light_faults, repeated_names};
-use super::keys::{LightType, near_miss, synonym};
+use super::check::{emitter_faults, exposure_fault, light_faults, repeated_names};
+use super::keys::{EMITTER, LightType, near_miss, synonym};
 
 /// What is wrong, and the byte it is wrong at.
 pub(super) struct Problem {
@@ -60,10 +60,11 @@ impl Reader {
             match key.get_ref().as_ref() {
                 "exposure" => rig.exposure = self.exposure(offset, value.get_ref()).unwrap_or_default(),
                 "light" => rig.lights = self.lights(offset, value.get_ref()),
+                "emitter" => rig.emitters = self.emitters(offset, value.get_ref()),
                 unknown => {
-                    let mend = match near_miss(unknown, ["exposure", "light"]) {
+                    let mend = match near_miss(unknown, ["exposure", "light", "emitter"]) {
                         Some(near) => format!("did you mean `{near}`?"),
-                        None => "a rig has `exposure` and [[light]] tables".to_owned(),
+                        None => "a rig has `exposure`, [[light]] and [[emitter]] tables".to_owned(),
                     };
                     self.problem(offset, format!("unknown key `{unknown}`; {mend}"));
                 }
@@ -82,27 +83,40 @@ impl Reader {
         Some(exposure)
     }
 
-    fn lights(&mut self, offset: usize, value: &DeValue<'_>) -> Vec<Light> {
-        let DeValue::Array(tables) = value else {
+    /// The tables of a list, each begun with `[[name]]`.
+    fn tables<'t, 'i>(&mut self, name: &str, offset: usize, value: &'t DeValue<'i>) -> Vec<Table<'t, 'i>> {
+        let DeValue::Array(items) = value else {
             let written = described(value);
             self.problem(
                 offset,
-                format!("`light` must be a list of tables, not {written}; begin each light with [[light]]"),
+                format!(
+                    "`{name}` must be a list of tables, not {written}; begin each {name} with [[{name}]]"
+                ),
             );
             return Vec::new();
         };
-        let mut lights: Vec<(usize, Light)> = Vec::new();
-        for table in tables {
-            let offset = table.span().start;
-            let DeValue::Table(keys) = table.get_ref() else {
-                let written = described(table.get_ref());
+        let mut tables = Vec::new();
+        for item in items {
+            let offset = item.span().start;
+            if let DeValue::Table(keys) = item.get_ref() {
+                tables.push(Table { keys, offset });
+            } else {
+                let written = described(item.get_ref());
+                let article = if name == "emitter" { "an" } else { "a" };
                 self.problem(
                     offset,
-                    format!("a light must be a table, not {written}; begin each light with [[light]]"),
+                    format!(
+                        "{article} {name} must be a table, not {written}; begin each {name} with [[{name}]]"
+                    ),
                 );
-                continue;
-            };
-            let table = Table { keys, offset };
+            }
+        }
+        tables
+    }
+
+    fn lights(&mut self, offset: usize, value: &DeValue<'_>) -> Vec<Light> {
+        let mut lights: Vec<(usize, Light)> = Vec::new();
+        for table in self.tables("light", offset, value) {
             if let Some(light) = self.light(&table) {
                 lights.push((table.offset_of("name"), light));
             }
@@ -114,6 +128,59 @@ impl Reader {
             self.problem(*offset, message);
         }
         lights.into_iter().map(|(_, light)| light).collect()
+    }
+
+    fn emitters(&mut self, offset: usize, value: &DeValue<'_>) -> Vec<Emitter> {
+        let mut emitters: Vec<(usize, Emitter)> = Vec::new();
+        for table in self.tables("emitter", offset, value) {
+            if let Some(emitter) = self.emitter(&table) {
+                emitters.push((table.offset_of("material"), emitter));
+            }
+        }
+        for (second, _) in repeated_names(emitters.iter().map(|(_, emitter)| emitter.material.as_str())) {
+            let (offset, emitter) = &emitters[second];
+            let name = &emitter.material;
+            let message = format!("an earlier emitter names the material `{name}` too; keep one of them");
+            self.problem(*offset, message);
+        }
+        emitters.into_iter().map(|(_, emitter)| emitter).collect()
+    }
+
+    /// `None` where the emitter has a problem, which is noted.
+    fn emitter(&mut self, table: &Table<'_, '_>) -> Option<Emitter> {
+        let before = self.problems.len();
+        let known = || EMITTER.iter().map(|&(name, _)| name);
+        for key in table.keys.keys().filter(|key| known().all(|name| name != key.get_ref())) {
+            let written = key.get_ref();
+            let mend = match near_miss(written, known()) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => "an emitter has material, scale".to_owned(),
+            };
+            self.problem(key.span().start, format!("unknown key `{written}`; {mend}"));
+        }
+        for (key, example) in EMITTER {
+            // a misspelt key is told as such, at its own line
+            let misspelt =
+                table.keys.keys().any(|written| near_miss(written.get_ref(), known()) == Some(key));
+            if table.find(key).is_none() && !misspelt {
+                let message = format!("this emitter has no `{key}`; add {key} = {example}");
+                self.problem(table.offset, message);
+            }
+        }
+        let material = table.find("material").and_then(|(offset, value)| match value.get_ref().as_str() {
+            Some(name) => Some(name.to_owned()),
+            None => self.wrong_type(offset, "material", "text in quotes", value.get_ref()),
+        });
+        let scale = table.find("scale").and_then(|(offset, value)| {
+            let scale = three_numbers(value.get_ref());
+            let wanted = "three numbers, such as [0.5, 0.5, 0.5]";
+            scale.or_else(|| self.wrong_type(offset, "scale", wanted, value.get_ref()))
+        });
+        let emitter = Emitter { material: material?, scale: scale? };
+        for (key, message) in emitter_faults(&emitter) {
+            self.problem(table.offset_of(key), message);
+        }
+        (self.problems.len() == before).then_some(emitter)
     }
 
     /// `None` where the light has a problem, which is noted.
@@ -250,17 +317,10 @@ impl Reader {
         let Some((offset, value)) = table.find(key) else {
             return self.missing(table, light_type, key);
         };
-        let components: Option<Vec<f32>> = value
-            .get_ref()
-            .as_array()
-            .and_then(|array| array.iter().map(|item| number(item.get_ref())).collect());
-        match components.as_deref() {
-            Some(&[x, y, z]) => Some(Vec3::new(x, y, z)),
-            _ => {
-                let example = light_type.key(key).map_or("[1.0, 1.0, 1.0]", |key| key.example);
-                self.wrong_type(offset, key, &format!("three numbers, such as {example}"), value.get_ref())
-            }
-        }
+        three_numbers(value.get_ref()).or_else(|| {
+            let example = light_type.key(key).map_or("[1.0, 1.0, 1.0]", |key| key.example);
+            self.wrong_type(offset, key, &format!("three numbers, such as {example}"), value.get_ref())
+        })
     }
 
     /// Notes that `key` is of the wrong type; `None` for the caller to hand on.
@@ -285,6 +345,15 @@ impl Reader {
             self.problem(table.offset, format!("this {light} has no `{key}`; add {key} = {example}"));
         }
         None
+    }
+}
+
+fn three_numbers(value: &DeValue<'_>) -> Option<Vec3> {
+    let components: Option<Vec<f32>> =
+        value.as_array().and_then(|array| array.iter().map(|item| number(item.get_ref())).collect());
+    match components.as_deref() {
+        Some(&[x, y, z]) => Some(Vec3::new(x, y, z)),
+        _ => None,
     }
 }
 

@@ -1,5 +1,5 @@
 use relume::glam::Vec3;
-use relume::{Light, LightKind};
+use relume::{Emitter, Light, LightKind};
 
 use super::*;
 
@@ -47,6 +47,7 @@ fn every_kind() -> LightRig {
     LightRig {
         exposure: -1.5,
         lights: vec![light("key", true, spot), light("fill", false, omni), light("sun", true, sun)],
+        emitters: Vec::new(),
     }
 }
 
@@ -68,6 +69,9 @@ fn writes_what_it_reads_bit_for_bit() {
     rig.lights[2].name = "so \"it\" is\n\\ 日本 ' ''' ".to_owned();
     assert_eq!(parse(&rig_to_toml(&rig)).unwrap(), rig);
 
+    rig.emitters.push(Emitter { material: "neon \"red\"".to_owned(), scale: Vec3::new(0.1, 0.0, 1.0 / 3.0) });
+    assert_eq!(parse(&rig_to_toml(&rig)).unwrap(), rig);
+
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rig.toml");
     save_rig(&rig, &path).unwrap();
@@ -80,9 +84,60 @@ fn writes_what_it_reads_bit_for_bit() {
 fn every_f32_survives_the_text() {
     // A step through all exponents and many mantissas.
     for bits in (0..f32::INFINITY.to_bits()).step_by(1_000_003) {
-        let rig = LightRig { exposure: f32::from_bits(bits), lights: vec![] };
+        let rig = LightRig { exposure: f32::from_bits(bits), ..LightRig::default() };
         assert_eq!(parse(&rig_to_toml(&rig)).unwrap().exposure.to_bits(), bits);
     }
+}
+
+const EMITTER: &str = "
+[[emitter]]
+material = \"lamp\"
+scale = [0.5, 0.25, 1]
+";
+
+#[test]
+fn emitters_are_read_and_their_problems_told_with_their_line() {
+    let lamp = Emitter { material: "lamp".to_owned(), scale: Vec3::new(0.5, 0.25, 1.0) };
+    assert_eq!(parse(&format!("{SPOT}{EMITTER}")).unwrap().emitters, [lamp]);
+    let cases = [
+        (EMITTER.replace("scale", "scael"), "line 4: unknown key `scael`; did you mean `scale`?"),
+        (
+            EMITTER.replace("material = \"lamp\"", ""),
+            "line 2: this emitter has no `material`; add material = \"lamp\"",
+        ),
+        (EMITTER.replace("\"lamp\"", "3"), "line 3: `material` must be text in quotes, not one number"),
+        (
+            EMITTER.replace("\"lamp\"", "\"\""),
+            "line 3: `material` must not be empty; name an emissive material of the scene",
+        ),
+        (
+            EMITTER.replace("[0.5, 0.25, 1]", "0.5"),
+            "line 4: `scale` must be three numbers, such as [0.5, 0.5, 0.5], not one number",
+        ),
+        (
+            EMITTER.replace("0.25", "-0.25"),
+            "line 4: `scale` must not be negative, but has -0.25; use 0 or more",
+        ),
+        (EMITTER.replace("0.25", "nan"), "line 4: `scale` must be three finite numbers; NaN is none"),
+        (
+            format!("{EMITTER}{EMITTER}"),
+            "line 7: an earlier emitter names the material `lamp` too; keep one of them",
+        ),
+        (
+            EMITTER.replace("[[emitter]]", "[[emiter]]"),
+            "line 2: unknown key `emiter`; did you mean `emitter`?",
+        ),
+    ];
+    for (text, message) in cases {
+        let error = parse(&text).unwrap_err().to_string();
+        assert!(error.contains(message), "{error}\ninstead of\n{message}");
+    }
+    let rig = LightRig {
+        emitters: vec![Emitter { material: "lamp".to_owned(), scale: Vec3::NEG_X }],
+        ..LightRig::default()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    assert!(save_rig(&rig, folder.path().join("rig.toml")).is_err());
 }
 
 /// A rig with one change, and the message it must end in.
@@ -122,7 +177,10 @@ fn problems_are_told_with_their_line() {
              irradiance, angle",
         ),
         (spot("exposure", "exposur"), "line 1: unknown key `exposur`; did you mean `exposure`?"),
-        (spot("exposure", "gamma"), "line 1: unknown key `gamma`; a rig has `exposure` and [[light]] tables"),
+        (
+            spot("exposure", "gamma"),
+            "line 1: unknown key `gamma`; a rig has `exposure`, [[light]] and [[emitter]] tables",
+        ),
         (OMNI.replace("[[light]]", "[[lights]]"), "line 1: unknown key `lights`; did you mean `light`?"),
         (
             OMNI.replace("[[light]]", "[light]"),

@@ -13,6 +13,11 @@ pub fn rig_to_toml(rig: &LightRig) -> String {
     for light in &rig.lights {
         light_table(&mut text, light);
     }
+    for emitter in &rig.emitters {
+        text.push_str("\n[[emitter]]\n");
+        line(&mut text, "material", &toml::Value::from(emitter.material.as_str()).to_string());
+        line(&mut text, "scale", &triple(emitter.scale));
+    }
     text
 }
 

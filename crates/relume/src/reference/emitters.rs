@@ -30,18 +30,20 @@ pub(super) struct EmitterSample {
 }
 
 impl Emitters {
-    pub(super) fn new(scene: &Scene, geometry: &Geometry) -> Self {
+    /// `scales` are what the materials' emission is multiplied by.
+    pub(super) fn new(scene: &Scene, geometry: &Geometry, scales: &[Vec3]) -> Self {
         let mut emitters = Self::default();
         let mut powers = Vec::new();
         let mut total = 0.0;
         for (triangle, &material) in geometry.materials.iter().enumerate() {
+            let emission = scene.materials[material as usize].emission * scales[material as usize];
             let material = &scene.materials[material as usize];
-            if material.emission == Vec3::ZERO {
+            if emission == Vec3::ZERO {
                 continue;
             }
             let area = 0.5 * f64::from(geometry.area_vector(triangle).length());
             let sides = if material.double_sided { 2.0 } else { 1.0 };
-            let power_per_area = sides * f64::from(material.emission.element_sum());
+            let power_per_area = sides * f64::from(emission.element_sum());
             let power = area * power_per_area;
             if power > 0.0 {
                 total += power;
@@ -80,13 +82,14 @@ impl Emitters {
         let to_emitter = a + (b - a) * u + (c - a) * v - position;
         let front = world.geometry.area_vector(triangle as usize).dot(to_emitter) < 0.0;
         let emitter = surface_on_triangle(world.scene, world.geometry, triangle, u, v, front);
-        if emitter.emission == Vec3::ZERO || !world.accel.masks().is_solid(triangle, u, v) {
+        let radiance = world.emission(&emitter);
+        if radiance == Vec3::ZERO || !world.accel.masks().is_solid(triangle, u, v) {
             return None;
         }
         let distance2 = to_emitter.length_squared();
         let direction = to_emitter / distance2.sqrt();
         let density = solid_angle_density(self.densities[index], distance2, &emitter, direction)?;
-        Some(EmitterSample { position: emitter.position, direction, radiance: emitter.emission, density })
+        Some(EmitterSample { position: emitter.position, direction, radiance, density })
     }
 }
 

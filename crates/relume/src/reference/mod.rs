@@ -14,13 +14,14 @@ mod film;
 mod response;
 mod tile;
 
+use glam::Vec3;
 use rayon::prelude::{IntoParallelRefIterator, ParallelIterator};
 
 use crate::error::{Error, Result};
 use crate::image::{Image, Layers};
 use crate::progress::Progress;
 use crate::scene::{Geometry, LightRig, Scene};
-use crate::shade::PreparedLight;
+use crate::shade::{PreparedLight, Surface};
 use crate::trace::Accel;
 
 use emitters::Emitters;
@@ -123,15 +124,24 @@ struct World<'a> {
     geometry: &'a Geometry,
     accel: &'a Accel,
     lights: Vec<PreparedLight>,
+    /// By material: what its emission is multiplied by.
+    emission_scales: Vec<Vec3>,
     emitters: Emitters,
     settings: &'a Settings,
+}
+
+impl World<'_> {
+    /// Radiance that a surface emits under the rig, W/(sr m^2).
+    fn emission(&self, surface: &Surface) -> Vec3 {
+        surface.emission * self.emission_scales[surface.material as usize]
+    }
 }
 
 /// Renders `scene` under `rig`, not under the lights stored in the scene. `geometry` and `accel` are the scene's.
 /// Runs in rayon's current pool; the bytes do not depend on its size.
 ///
 /// # Errors
-/// [`Error::Setting`] where a setting is out of range, [`Error::Cancelled`] where `progress` asks to stop.
+/// [`Error::Setting`] where a setting is out of range or the rig's emitters name no material, [`Error::Cancelled`] where `progress` asks to stop.
 pub fn render(
     scene: &Scene,
     geometry: &Geometry,
@@ -142,12 +152,15 @@ pub fn render(
 ) -> Result<Reference> {
     settings.check(scene)?;
     let enabled: Vec<_> = rig.lights.iter().filter(|light| light.enabled).collect();
+    let names: Vec<&str> = scene.materials.iter().map(|material| material.name.as_str()).collect();
+    let emission_scales = rig.emission_scales(&names)?;
     let world = World {
         scene,
         geometry,
         accel,
         lights: enabled.iter().map(|light| PreparedLight::new(light)).collect(),
-        emitters: Emitters::new(scene, geometry),
+        emitters: Emitters::new(scene, geometry, &emission_scales),
+        emission_scales,
         settings,
     };
     let film = Film::new(settings, enabled.len());

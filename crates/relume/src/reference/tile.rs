@@ -193,7 +193,7 @@ impl<'a> Tile<'a> {
         let aa = settings.aa as usize;
         let pixel = (row / aa * self.area.width + column / aa) as u32;
         let share = Share { half: None, bounce: 0, light: None };
-        self.sums.add(pixel, share, surface.emission, settings.samples());
+        self.sums.add(pixel, share, self.world.emission(&surface), settings.samples());
         let (x, y) = (aa * self.area.x + column, aa * self.area.y + row);
         let view = -ray.direction;
         self.primaries.push(Primary {
@@ -313,7 +313,7 @@ impl<'a> Tile<'a> {
     fn add_emission(&mut self, path: &Path, surface: &Surface, hit: &Hit, direction: Vec3, bounce: u32) {
         let density = self.world.emitters.density(hit.triangle);
         let other = solid_angle_density(density, hit.t * hit.t, surface, direction).unwrap_or(0.0);
-        let light = path.throughput * surface.emission * power_heuristic(path.density, other);
+        let light = path.throughput * self.world.emission(surface) * power_heuristic(path.density, other);
         self.sums.add(path.pixel, Share { half: Some(path.half), bounce, light: None }, light, 1);
     }
 

@@ -85,13 +85,16 @@ impl Shading<'_> {
     }
 }
 
-/// Adds what the surfaces that the camera sees emit.
-pub(super) fn add_emission(view: &ViewSamples, aa: u32, pixels: &mut [Vec3]) {
-    if aa == 1 {
-        view.center_emission.iter().for_each(|&(pixel, emission)| pixels[pixel as usize] += emission);
+/// Adds what surfaces that the camera sees emit, those of the materials that `shines` says.
+pub(super) fn add_emission(view: &ViewSamples, aa: u32, shines: impl Fn(u32) -> bool, pixels: &mut [Vec3]) {
+    let (samples, emission, a_pixel) = if aa == 1 {
+        (&view.centers, &view.center_emission, 1)
     } else {
-        view.quad_emission
-            .iter()
-            .for_each(|&(sample, emission)| pixels[sample as usize / 4] += emission * 0.25);
+        (&view.quads, &view.quad_emission, 4)
+    };
+    for &(sample, radiance) in emission {
+        if shines(samples[sample as usize].material) {
+            pixels[sample as usize / a_pixel] += radiance / a_pixel as f32;
+        }
     }
 }

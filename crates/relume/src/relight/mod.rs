@@ -7,6 +7,7 @@
 mod direct;
 mod upsample;
 
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -88,6 +89,16 @@ struct Kept {
     lit: Lit,
 }
 
+/// What some emissive materials do as they are in the scene.
+struct Glow {
+    /// Ascending.
+    materials: Vec<u32>,
+    settings: RelightSettings,
+    /// What it is multiplied by in the last frame.
+    scale: Vec3,
+    lit: Lit,
+}
+
 /// Name under which the light of emissive surfaces appears among the layers a light.
 pub const EMISSION: &str = "emission";
 
@@ -103,7 +114,9 @@ pub struct Relighter {
     kept: Vec<Kept>,
     /// The same of lights that were off or black in it.
     dark: Vec<Kept>,
-    emission: Option<(RelightSettings, Lit)>,
+    /// Materials that shine, ascending.
+    emissive: Vec<u32>,
+    emission: Vec<Glow>,
     stats: FrameStats,
 }
 
@@ -120,7 +133,8 @@ impl Relighter {
             tints: transfer.glossy.is_some().then(|| upsample::Tints::new(&transfer.view)),
             kept: Vec::new(),
             dark: Vec::new(),
-            emission: None,
+            emissive: transfer.emissive_materials(),
+            emission: Vec::new(),
             stats: FrameStats::default(),
             transfer,
         }
@@ -145,14 +159,14 @@ impl Relighter {
     pub fn forget(&mut self) {
         self.kept.clear();
         self.dark.clear();
-        self.emission = None;
+        self.emission.clear();
     }
 
     /// The shot under `rig`. Lights that have not changed since an earlier frame, or only in colour, cost nothing but
     /// their share of the sum.
     ///
     /// # Errors
-    /// [`Error::Setting`] unless `aa` is 1 or 2.
+    /// [`Error::Setting`] unless `aa` is 1 or 2 and every emitter of the rig names a material of the scene.
     pub fn relight(&mut self, rig: &LightRig, settings: &RelightSettings) -> Result<Layers> {
         self.relight_watched(rig, settings, &())
     }
@@ -171,6 +185,7 @@ impl Relighter {
             return Err(Error::Setting(format!("{} samples a pixel side: must be 1 or 2", settings.aa)));
         }
         let began = Instant::now();
+        let glows = self.glows(rig)?;
         self.stats = FrameStats::default();
         let shining: Vec<&Light> =
             rig.lights.iter().filter(|light| light.enabled && light.color() != Vec3::ZERO).collect();
@@ -197,7 +212,7 @@ impl Relighter {
             .filter(|kept| kept.settings.same_light(settings))
             .filter(|kept| rig.lights.iter().any(|light| kept.light.same_but_for_color(light)))
             .collect();
-        self.light_emission(settings);
+        self.light_emission(glows, settings);
         let sum_began = Instant::now();
         let mut layers = self.sum(settings);
         layers.edges.clone_from(&self.edges);
@@ -249,41 +264,72 @@ impl Relighter {
         pixels
     }
 
+    /// Emissive materials that shine in the shot, in groups, with what each group is multiplied by: one group for each name
+    /// in the rig, one for all others.
+    fn glows(&self, rig: &LightRig) -> Result<Vec<(Vec<u32>, Vec3)>> {
+        let names = &self.transfer.report.materials;
+        let scales = rig.emission_scales(names)?;
+        let mut groups: Vec<(Vec<u32>, Vec3)> = Vec::new();
+        let mut of_name: HashMap<Option<&str>, usize> = HashMap::new();
+        for &material in &self.emissive {
+            let (name, scale) = (&names[material as usize], scales[material as usize]);
+            let named = rig.emitters.iter().any(|emitter| emitter.material == *name);
+            let group = *of_name.entry(named.then_some(name)).or_insert_with(|| {
+                groups.push((Vec::new(), scale));
+                groups.len() - 1
+            });
+            groups[group].0.push(material);
+        }
+        Ok(groups)
+    }
+
     /// Emissive surfaces: what the camera sees of them, their light on the view samples (direct), and its bounces.
-    fn light_emission(&mut self, settings: &RelightSettings) {
-        let view = &self.transfer.view;
-        let emits = self.transfer.cloud.samples.iter().any(|sample| sample.emission != Vec3::ZERO);
-        let seen = !view.center_emission.is_empty() || !view.quad_emission.is_empty();
-        if !(emits || seen) || self.emission.as_ref().is_some_and(|(kept, _)| kept.same_light(settings)) {
-            return;
+    fn light_emission(&mut self, glows: Vec<(Vec<u32>, Vec3)>, settings: &RelightSettings) {
+        let mut before = std::mem::take(&mut self.emission);
+        for (materials, scale) in glows {
+            let known = before
+                .iter()
+                .position(|kept| kept.settings.same_light(settings) && kept.materials == materials);
+            let lit = match known {
+                Some(place) => before.swap_remove(place).lit,
+                None => self.glow(&materials, settings),
+            };
+            self.emission.push(Glow { materials, settings: *settings, scale, lit });
+        }
+    }
+
+    fn glow(&mut self, materials: &[u32], settings: &RelightSettings) -> Lit {
+        let transfer = Arc::clone(&self.transfer);
+        let shines = |material: u32| materials.binary_search(&material).is_ok();
+        let mut emitted = vec![Vec3::ZERO; transfer.cloud.len()];
+        for part in transfer.cloud.emitted.iter().filter(|part| shines(part.material)) {
+            emitted[part.sample as usize] += part.radiance;
         }
         let mut lit = Lit { direct: self.black(), indirect: self.black() };
-        let emitted: Vec<Vec3> = self.transfer.cloud.samples.iter().map(|sample| sample.emission).collect();
         if settings.only != Only::Indirect {
             lit.direct.pixels = self.gather(&emitted, Some(0), settings.aa);
-            direct::add_emission(&self.transfer.view, settings.aa, &mut lit.direct.pixels);
+            direct::add_emission(&transfer.view, settings.aa, shines, &mut lit.direct.pixels);
         }
         if settings.only != Only::Direct && settings.bounces != Some(0) {
-            let bounced = self.bounces.reflect(&self.transfer.bounce, &emitted);
+            let bounced = self.bounces.reflect(&transfer.bounce, &emitted);
             lit.indirect.pixels =
                 self.gather(&bounced, settings.bounces.map(|bounces| bounces - 1), settings.aa);
         }
-        self.emission = Some((*settings, lit));
+        lit
     }
 
     fn sum(&self, settings: &RelightSettings) -> Layers {
         let mut parts: Vec<(&str, Vec3, &Lit)> =
             self.kept.iter().map(|kept| (kept.light.name.as_str(), kept.light.color(), &kept.lit)).collect();
-        if let Some((_, lit)) = &self.emission {
-            parts.push((EMISSION, Vec3::ONE, lit));
-        }
+        let lights = parts.len();
+        parts.extend(self.emission.iter().map(|glow| (EMISSION, glow.scale, &glow.lit)));
         let mut layers = Layers { direct: self.black(), indirect: self.black(), ..Layers::default() };
         for (_, color, lit) in &parts {
             add_scaled(&mut layers.direct, &lit.direct, *color);
             add_scaled(&mut layers.indirect, &lit.indirect, *color);
         }
         if settings.per_light {
-            layers.per_light = parts
+            layers.per_light = parts[..lights]
                 .iter()
                 .map(|(name, color, lit)| LightLayers {
                     name: (*name).to_owned(),
@@ -291,6 +337,15 @@ impl Relighter {
                     indirect: scaled(&lit.indirect, *color),
                 })
                 .collect();
+            if parts.len() > lights {
+                let mut all =
+                    LightLayers { name: EMISSION.to_owned(), direct: self.black(), indirect: self.black() };
+                for (_, scale, lit) in &parts[lights..] {
+                    add_scaled(&mut all.direct, &lit.direct, *scale);
+                    add_scaled(&mut all.indirect, &lit.indirect, *scale);
+                }
+                layers.per_light.push(all);
+            }
         }
         layers
     }

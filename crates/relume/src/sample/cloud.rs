@@ -62,6 +62,18 @@ impl SubSample {
     }
 }
 
+/// What one material emits on a gather sample's patch.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Emitted {
+    /// Index of the gather sample.
+    pub sample: u32,
+    /// Index of the material.
+    pub material: u32,
+    /// Mean over the whole patch, W/(sr m^2).
+    pub radiance: Vec3,
+}
+
 /// Gather samples in the order of the cluster tree (which is the Morton order of the flattened gather image), with
 /// [`SUB_SAMPLES`] sub-samples each.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -70,6 +82,8 @@ pub struct GatherCloud {
     pub samples: Vec<GatherSample>,
     /// `SUB_SAMPLES` a sample, neighbours close together.
     pub sub_samples: Vec<SubSample>,
+    /// The samples' emission, material by material; in the order of samples.
+    pub emitted: Vec<Emitted>,
 }
 
 /// How finely surfaces are parted, and where.
@@ -217,6 +231,7 @@ fn ordered(
     let cloud = GatherCloud {
         samples: in_order().map(|cell| cell.sample).collect(),
         sub_samples: in_order().flat_map(|cell| cell.sub_samples).collect(),
+        emitted: (0..).zip(in_order()).flat_map(|(sample, cell)| cell.emitted(sample)).collect(),
     };
     let targets = in_order().flat_map(|cell| cell.targets).collect();
     Ok((cloud, CellMap { cuts, targets, middles: in_order().map(|cell| cell.middle).collect() }))
@@ -246,6 +261,14 @@ struct Portrait {
     sub_samples: [SubSample; SUB_SAMPLES],
     targets: [Vec3; TARGETS],
     middle: (Vec3, Vec3),
+    /// Mean emission by material; few have any.
+    emitted: Vec<(u32, Vec3)>,
+}
+
+impl Portrait {
+    fn emitted(&self, sample: u32) -> impl Iterator<Item = Emitted> + '_ {
+        self.emitted.iter().map(move |&(material, radiance)| Emitted { sample, material, radiance })
+    }
 }
 
 /// What a cloud is built from.
@@ -306,6 +329,18 @@ impl Build<'_> {
             _ => (typical.position, typical.normal),
         };
         let surface = |speaker: &Speaker| speaker.surface(self.scene, self.geometry);
+        let mut emitted: Vec<(u32, Vec3)> = Vec::new();
+        for speaker in &speakers {
+            let surface = surface(speaker);
+            let radiance = surface.emission * speaker.weight;
+            if radiance == Vec3::ZERO {
+                continue;
+            }
+            match emitted.iter_mut().find(|(material, _)| *material == surface.material) {
+                Some((_, sum)) => *sum += radiance,
+                None => emitted.push((surface.material, radiance)),
+            }
+        }
         let mean = |of: fn(&crate::shade::Surface) -> Vec3| {
             speakers.iter().map(|speaker| of(&surface(speaker)) * speaker.weight).sum::<Vec3>()
         };
@@ -318,11 +353,12 @@ impl Build<'_> {
                 triangle: (typical.side / 2) as u32,
                 albedo: mean(|surface| surface.hemispherical_reflectance()),
                 reserved: 0,
-                emission: mean(|surface| surface.emission),
+                emission: emitted.iter().map(|&(_, radiance)| radiance).sum(),
                 reserved2: 0,
             },
             sub_samples,
             middle,
+            emitted,
             targets: std::array::from_fn(|i| {
                 solid.get(i % solid.len().max(1)).map_or(typical.position, lifted)
             }),

@@ -13,7 +13,7 @@ mod tree;
 mod view;
 
 pub use cloud::{
-    CellMap, CloudMethod, CloudSettings, GatherCloud, GatherSample, SUB_SAMPLES, SubSample, TARGETS,
+    CellMap, CloudMethod, CloudSettings, Emitted, GatherCloud, GatherSample, SUB_SAMPLES, SubSample, TARGETS,
 };
 pub use illumination::{CloudLight, illuminate};
 pub use packed::{PackedNormal, PackedUnit};

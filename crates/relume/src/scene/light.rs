@@ -1,4 +1,8 @@
+use std::collections::HashSet;
+
 use glam::Vec3;
+
+use crate::{Error, Result};
 
 /// A light source, and whether it shines.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,6 +60,60 @@ pub struct LightRig {
     pub exposure: f32,
     /// Lights with unique names.
     pub lights: Vec<Light>,
+    /// Emissive materials that shine otherwise than in the scene, each at most once.
+    pub emitters: Vec<Emitter>,
+}
+
+/// How an emissive material shines.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Emitter {
+    /// The material's name in the scene; all materials of that name are meant.
+    pub material: String,
+    /// What its emission is multiplied by, linear RGB, not negative.
+    pub scale: Vec3,
+}
+
+impl LightRig {
+    /// What the emission of each of `materials`, given by their names, is multiplied by; 1 for those that no emitter names.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] where an emitter names none of them.
+    pub fn emission_scales<S: AsRef<str>>(&self, materials: &[S]) -> Result<Vec<Vec3>> {
+        let mut scales = vec![Vec3::ONE; materials.len()];
+        for emitter in &self.emitters {
+            let mut found = false;
+            for (scale, _) in
+                scales.iter_mut().zip(materials).filter(|(_, name)| name.as_ref() == emitter.material)
+            {
+                *scale = emitter.scale;
+                found = true;
+            }
+            if !found {
+                return Err(no_material(&emitter.material, materials));
+            }
+        }
+        Ok(scales)
+    }
+}
+
+/// Most names of materials that a message lists.
+const LISTED: usize = 12;
+
+fn no_material<S: AsRef<str>>(name: &str, materials: &[S]) -> Error {
+    let mut seen = HashSet::new();
+    let names: Vec<String> = materials
+        .iter()
+        .map(AsRef::as_ref)
+        .filter(|name| !name.is_empty() && seen.insert(*name))
+        .map(|name| format!("`{name}`"))
+        .collect();
+    if names.is_empty() {
+        return Error::Setting(format!("emitter `{name}`: the scene's materials have no names"));
+    }
+    let more =
+        if names.len() > LISTED { format!(" and {} more", names.len() - LISTED) } else { String::new() };
+    let known = names[..names.len().min(LISTED)].join(", ");
+    Error::Setting(format!("emitter `{name}`: the scene has no material of this name; it has {known}{more}"))
 }
 
 impl Light {

@@ -10,7 +10,7 @@ mod texture;
 
 pub use camera::Camera;
 pub use geometry::Geometry;
-pub use light::{Light, LightKind, LightRig};
+pub use light::{Emitter, Light, LightKind, LightRig};
 pub use material::{AlphaMode, Material, TextureRef};
 pub use texture::{ColorSpace, Texture, Wrap};
 

@@ -137,6 +137,7 @@ impl Transfer {
         tensors.add("view.rows_of_quads", Dtype::U32, &[], &self.rows_of_quads);
         tensors.add("cloud.samples", Dtype::U8, &[64], &self.cloud.samples);
         tensors.add("cloud.sub_samples", Dtype::U8, &[24], &self.cloud.sub_samples);
+        tensors.add("cloud.emitted", Dtype::U8, &[20], &self.cloud.emitted);
         tensors.add_operator("gather", &self.gather);
         if let Some(glossy) = &self.glossy {
             tensors.add_operator("glossy", glossy);
@@ -346,6 +347,16 @@ impl<'a> Opened<'a> {
             && pixels.and_then(|pixels| pixels.checked_mul(4)) == Some(view.quads.len())
             && view.center_emission.iter().all(|&(index, _)| (index as usize) < view.centers.len())
             && view.quad_emission.iter().all(|&(index, _)| (index as usize) < view.quads.len());
+        let materials = self.header.report.materials.len();
+        let fits = fits
+            && view
+                .center_emission
+                .iter()
+                .all(|&(i, _)| (view.centers[i as usize].material as usize) < materials)
+            && view
+                .quad_emission
+                .iter()
+                .all(|&(i, _)| (view.quads[i as usize].material as usize) < materials);
         if fits { Ok(view) } else { Err(self.refuse("view")) }
     }
 
@@ -353,10 +364,16 @@ impl<'a> Opened<'a> {
         let cloud = GatherCloud {
             samples: self.values("cloud.samples")?,
             sub_samples: self.values("cloud.sub_samples")?,
+            emitted: self.values("cloud.emitted")?,
         };
+        let materials = self.header.report.materials.len();
         let fits = cloud.len().is_power_of_two()
             && cloud.len().trailing_zeros().is_multiple_of(2)
-            && cloud.sub_samples.len() == SUB_SAMPLES * cloud.len();
+            && cloud.sub_samples.len() == SUB_SAMPLES * cloud.len()
+            && cloud
+                .emitted
+                .iter()
+                .all(|part| (part.sample as usize) < cloud.len() && (part.material as usize) < materials);
         if fits { Ok(cloud) } else { Err(self.refuse("cloud")) }
     }
 

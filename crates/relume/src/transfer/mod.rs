@@ -34,6 +34,8 @@ pub use occluders::Occluders;
 pub use operator::{Encoding, Matrix, Operator};
 pub use preparation::{Preparation, Quality, RowMethod, Settings};
 
+use std::collections::BTreeSet;
+
 use glam::Vec3;
 
 use crate::sample::{GatherCloud, Receivers, ViewSamples};
@@ -130,6 +132,15 @@ impl Transfer {
             }
         });
         (apply(&self.gather, &coefficients), glossy)
+    }
+
+    /// Numbers of the materials that the camera sees shine or whose light the cloud has, ascending.
+    pub fn emissive_materials(&self) -> Vec<u32> {
+        let view = &self.view;
+        let centers = view.center_emission.iter().map(|&(index, _)| view.centers[index as usize].material);
+        let quads = view.quad_emission.iter().map(|&(index, _)| view.quads[index as usize].material);
+        let cloud = self.cloud.emitted.iter().map(|part| part.material);
+        centers.chain(quads).chain(cloud).collect::<BTreeSet<u32>>().into_iter().collect()
     }
 
     /// Pixels whose centre reflects light.

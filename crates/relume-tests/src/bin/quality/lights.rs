@@ -83,7 +83,7 @@ pub(crate) fn made(shot: &mut Shot, count: u32, seed: u32, size: (usize, usize))
     let lights = generate(&space, count, seed, |light| response(shot, light, size))?;
     let cases = lights.into_iter().map(|light| Case {
         name: light.name.clone(),
-        rig: LightRig { exposure: 0.0, lights: vec![light] },
+        rig: LightRig { lights: vec![light], ..LightRig::default() },
         emission: false,
     });
     Ok(with_emission(shot, cases))
@@ -133,7 +133,7 @@ fn response(shot: &Shot, light: &Light, size: (usize, usize)) -> Result<f64> {
         paths: Paths::Transfer,
         ..Settings::default()
     };
-    let rig = LightRig { exposure: 0.0, lights: vec![light.clone()] };
+    let rig = LightRig { lights: vec![light.clone()], ..LightRig::default() };
     let reference = render(&shot.scene, &shot.geometry, &shot.accel, &rig, &settings, &())?;
     let [a, b] = reference.halves.each_ref().map(Layers::full);
     let square: f64 = a.pixels.iter().zip(&b.pixels).map(|(a, b)| a.as_dvec3().dot(b.as_dvec3())).sum();
@@ -303,7 +303,7 @@ mod tests {
         let error = from_rigs(&shot, folder.path()).unwrap_err();
         assert!(error.to_string().contains("holds no rig"), "{error}");
         let light = Light { name: "a".into(), enabled: true, kind: omni(Vec3::ONE) };
-        let rig = LightRig { exposure: 0.0, lights: vec![light] };
+        let rig = LightRig { lights: vec![light], ..LightRig::default() };
         for name in ["b.toml", "a.toml"] {
             relume_io::save_rig(&rig, folder.path().join(name)).unwrap();
         }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use relume::{Error, LightRig, Result, Scene};
+use relume::{Error, Result, Scene};
 use relume_io::{Imported, load_scene};
 
 use crate::console::Console;
@@ -36,18 +36,6 @@ pub(crate) fn camera(scene: &Scene, wanted: Option<&str>, path: &Path) -> Result
             .collect();
         Error::file(path, format!("has no camera `{wanted}`; it has {}", names.join(", ")))
     })
-}
-
-/// Checks that every emitter of the rig in `file` names one of `materials`.
-///
-/// # Errors
-/// [`Error::File`] that lists the materials.
-pub(crate) fn check_emitters<S: AsRef<str>>(rig: &LightRig, file: &Path, materials: &[S]) -> Result<()> {
-    match rig.emission_scales(materials) {
-        Ok(_) => Ok(()),
-        Err(Error::Setting(message)) => Err(Error::file(file, message)),
-        Err(error) => Err(error),
-    }
 }
 
 /// The file's name without its folder.

@@ -208,6 +208,29 @@ fn rows_that_are_not_there_are_refused() {
     assert!(saved.load(&saved.bytes).is_ok(), "nothing that is lit is no mistake");
 }
 
+/// The same, with emission of samples or materials that are not there, or that is no light.
+#[test]
+fn emission_that_cannot_be_is_refused() {
+    let transfer = small(Encoding::LowRank);
+    let first = transfer.cloud.emitted[0];
+    let changes: [&dyn Fn(&mut Transfer); 6] = [
+        &|t| t.cloud.emitted[0].sample = t.cloud.len() as u32,
+        &|t| t.cloud.emitted[0].material = t.report.materials.len() as u32,
+        &|t| t.cloud.emitted[0].radiance.x = f32::NAN,
+        &|t| t.cloud.emitted[0].radiance.x = -1.0,
+        &|t| t.cloud.emitted.insert(0, first),
+        &|t| t.report.materials.truncate(1),
+    ];
+    for change in changes {
+        let mut altered = transfer.clone();
+        change(&mut altered);
+        let saved = Saved::new(&altered);
+        let sentence = saved.refusal(&saved.bytes, "impossible emission");
+        assert!(sentence.contains("cloud") || sentence.contains("view"), "{sentence}");
+    }
+    assert!(Saved::new(&transfer).load(&Saved::new(&transfer).bytes).is_ok());
+}
+
 #[test]
 fn other_versions_are_named() {
     let saved = Saved::new(&small(Encoding::LowRank));

@@ -91,31 +91,89 @@ fn scales_agree_with_the_path_tracer() {
 }
 
 #[test]
-fn another_scale_costs_a_sum() {
+fn another_scale_costs_a_sum_and_other_names_are_lit_once() {
     let transfer = Arc::new(prepare(&lamps(LEFT, RIGHT), tiny()));
     let settings = RelightSettings::default();
     let mut relighter = Relighter::new(Arc::clone(&transfer));
-    relighter.relight(&with_emitters(&[("left", Vec3::ONE)]), &settings).unwrap();
-    assert!(relighter.stats().bounce_steps > 0);
-    let dimmed = with_emitters(&[("left", Vec3::splat(0.1))]);
-    let layers = relighter.relight(&dimmed, &settings).unwrap();
-    assert_eq!((relighter.stats().bounce_steps, relighter.stats().relit), (0, 0));
-    assert!(difference(&layers, &relight_afresh(&transfer, &dimmed, &settings)) == 0.0);
+    let left = |scale: f32| with_emitters(&[("left", Vec3::splat(scale))]);
+    let both = |scale: f32| with_emitters(&[("left", Vec3::splat(scale)), ("right", Vec3::X)]);
+    // the rig, and whether something is lit that was not before
+    let steps = [
+        (left(1.0), true),
+        (left(0.1), false),
+        (left(0.0), false),
+        (with_emitters(&[]), true),
+        (left(0.5), false),
+        (both(2.0), true),
+        (with_emitters(&[]), false),
+        (both(0.3), false),
+    ];
+    for (step, (rig, lit)) in steps.into_iter().enumerate() {
+        let layers = relighter.relight(&rig, &settings).unwrap();
+        let omni_alone = usize::from(step == 0);
+        assert_eq!(relighter.stats().relit, omni_alone, "step {step}");
+        assert_eq!(relighter.stats().bounce_steps > 0, lit, "step {step}");
+        assert!(difference(&layers, &relight_afresh(&transfer, &rig, &settings)) < 1e-6, "step {step}");
+    }
 }
 
 #[test]
-fn an_emitter_that_names_no_material_is_refused() {
+fn what_is_off_from_the_start_costs_nothing_and_has_no_layer() {
+    let transfer = Arc::new(prepare(&lamps(LEFT, RIGHT), tiny()));
+    let settings = RelightSettings { per_light: true, ..RelightSettings::default() };
+    let names = ["left", "right", "other"].map(|name| (name, Vec3::ZERO));
+    let mut relighter = Relighter::new(Arc::clone(&transfer));
+    let off = LightRig { lights: Vec::new(), ..with_emitters(&names) };
+    let layers = relighter.relight(&off, &settings).unwrap();
+    assert_eq!(relighter.stats().bounce_steps, 0);
+    assert!(layers.per_light.is_empty());
+    assert!(layers.direct.pixels.iter().chain(&layers.indirect.pixels).all(|pixel| *pixel == Vec3::ZERO));
+}
+
+#[test]
+fn materials_of_one_name_follow_one_emitter() {
+    let mut built = lamps(LEFT, RIGHT);
+    let right = built.scene.materials.iter().position(|material| material.name == "right").unwrap();
+    built.scene.materials[right].name = "left".to_owned();
+    let scale = Vec3::new(0.5, 0.0, 2.0);
+    let transfer = Arc::new(prepare(&built, tiny()));
+    let settings = RelightSettings::default();
+    let relit = relight_afresh(&transfer, &with_emitters(&[("left", scale)]), &settings);
+    let other = Arc::new(prepare(&lamps(LEFT * scale, RIGHT * scale), tiny()));
+    let expected = relight_afresh(&other, &with_emitters(&[]), &settings);
+    assert!(difference(&relit, &expected) < 1e-5, "{}", difference(&relit, &expected));
+}
+
+#[test]
+fn an_emitter_that_cannot_be_is_refused() {
     let built = lamps(LEFT, RIGHT);
     let transfer = Arc::new(prepare(&built, tiny()));
-    let unknown = with_emitters(&[("lamp", Vec3::ONE)]);
-    let refused = Relighter::new(transfer).relight(&unknown, &RelightSettings::default()).unwrap_err();
+    let shine = "those that shine are `left`, `other`, `right`";
+    let cases = [
+        (
+            with_emitters(&[("lamp", Vec3::ONE)]),
+            format!("emitter `lamp`: no material has this name; {shine}"),
+        ),
+        (
+            with_emitters(&[("wall", Vec3::ONE)]),
+            format!("emitter `wall`: this material emits nothing; {shine}"),
+        ),
+        (
+            with_emitters(&[("left", Vec3::ONE), ("left", Vec3::X)]),
+            "emitter `left`: an earlier one names this material too".to_owned(),
+        ),
+        (
+            with_emitters(&[("left", Vec3::NEG_X)]),
+            "emitter `left`: `scale` must be three finite numbers, none negative".to_owned(),
+        ),
+    ];
     let settings = ReferenceSettings { width: 4, height: 4, spp: 2, ..ReferenceSettings::default() };
-    let traced = render(&built.scene, &built.geometry, &built.accel, &unknown, &settings, &()).unwrap_err();
-    for error in [refused, traced] {
-        let Error::Setting(message) = error else { panic!("{error}") };
-        assert_eq!(
-            message,
-            "emitter `lamp`: the scene has no material of this name; it has `wall`, `left`, `right`, `other`"
-        );
+    for (rig, expected) in cases {
+        let refused = Relighter::new(Arc::clone(&transfer)).relight(&rig, &RelightSettings::default());
+        let traced = render(&built.scene, &built.geometry, &built.accel, &rig, &settings, &());
+        for error in [refused.err(), traced.err()] {
+            let Some(Error::Setting(message)) = error else { panic!("{error:?}") };
+            assert_eq!(message, expected);
+        }
     }
 }

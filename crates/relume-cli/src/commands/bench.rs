@@ -7,13 +7,12 @@ use clap::Args;
 use relume::glam::Vec3;
 use relume::relight::{FrameStats, RelightSettings};
 use relume::{Error, Light, LightKind, LightRig, Relighter, Result, Transfer};
-use relume_io::load_rig;
+use relume_io::{check_emitters, load_rig};
 use serde::Serialize;
 
 use crate::arguments::{Threads, antialiasing};
 use crate::console::Console;
 use crate::report::{Table, bytes, count, plural};
-use crate::scene_file::check_emitters;
 
 /// Measure a relit frame, stage by stage, while one light moves and the others stay.
 ///
@@ -24,7 +23,7 @@ use crate::scene_file::check_emitters;
 pub(crate) struct Arguments {
     /// The cache that `relume prepare` wrote.
     cache: PathBuf,
-    /// The lights.
+    /// The lights, and how emissive materials shine.
     #[arg(long, value_name = "RIG.toml")]
     rig: PathBuf,
     /// Frames to measure.
@@ -94,9 +93,11 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let mut rig = load_rig(&arguments.rig)?;
     let moving = moving_light(&rig, arguments.light.as_deref(), &arguments.rig)?;
     arguments.threads.start()?;
-    let mut relighter =
-        console.stage("reading the cache", || Transfer::load(&arguments.cache).map(Relighter::new))?;
-    check_emitters(&rig, &arguments.rig, &relighter.transfer().report.materials)?;
+    let mut relighter = console.stage("reading the cache", || {
+        let transfer = Transfer::load(&arguments.cache)?;
+        check_emitters(&rig, &arguments.rig, transfer.report.named_materials())?;
+        Ok(Relighter::new(transfer))
+    })?;
     let settings = RelightSettings { bounces: arguments.bounces, aa: arguments.aa, ..Default::default() };
     relighter.relight(&rig, &settings)?;
     let first_frame_ms = relighter.stats().frame_ms;

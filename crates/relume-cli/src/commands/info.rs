@@ -1,9 +1,9 @@
 //! `relume info`: what is in a scene or a cache.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use relume::glam::Vec3;
 use relume::scene::Geometry;
 use relume::transfer::{FORMAT_VERSION, Report};
 use relume::{Camera, Error, Light, LightKind, LightRig, Result, Transfer};
@@ -118,12 +118,7 @@ impl<'a> SceneContents<'a> {
             texture_bytes: scene.textures.iter().map(|texture| size_of_val(&*texture.texels)).sum(),
             cameras: scene.cameras.iter().map(CameraContents::new).collect(),
             lights: scene.lights.lights.iter().map(LightContents::new).collect(),
-            emitters: scene
-                .materials
-                .iter()
-                .filter(|material| material.emission != Vec3::ZERO)
-                .map(|material| material.name.as_str())
-                .collect(),
+            emitters: emitters(scene.named_materials()),
             bounds: geometry.bounds().map(|(low, high)| [low.to_array(), high.to_array()]),
             warnings,
         }
@@ -151,8 +146,14 @@ impl<'a> LightContents<'a> {
     }
 }
 
-fn named(names: &[&str]) -> String {
+fn quoted(names: &[&str]) -> String {
     names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+}
+
+/// Names of those that emit light, each once: what a rig's emitters can name.
+fn emitters<'m>(materials: impl Iterator<Item = (&'m str, bool)>) -> Vec<&'m str> {
+    let named = materials.filter(|(name, emits)| *emits && !name.is_empty()).map(|(name, _)| name);
+    named.collect::<BTreeSet<_>>().into_iter().collect()
 }
 
 fn point([x, y, z]: [f32; 3]) -> String {
@@ -198,7 +199,7 @@ impl std::fmt::Display for SceneContents<'_> {
             table.line("lights", "none in the file");
         }
         if !self.emitters.is_empty() {
-            table.line("emitters", named(&self.emitters));
+            table.line("emitters", quoted(&self.emitters));
         }
         if let Some([low, high]) = self.bounds {
             table.line("bounds", format!("{} to {} m", point(low), point(high)));
@@ -220,7 +221,7 @@ struct CacheContents<'a> {
     lit_pixels: usize,
     receivers: usize,
     gather_samples: usize,
-    /// Names of materials that shine in the shot.
+    /// Names of materials that shine.
     emitters: Vec<&'a str>,
     /// Sizes in memory, which are those in the file but for its header.
     parts: Parts,
@@ -270,11 +271,7 @@ impl<'a> CacheContents<'a> {
             lit_pixels: transfer.lit_pixels(),
             receivers: transfer.gather.rows,
             gather_samples: transfer.cloud.len(),
-            emitters: transfer
-                .emissive_materials()
-                .iter()
-                .map(|&material| transfer.report.materials[material as usize].as_str())
-                .collect(),
+            emitters: emitters(transfer.report.named_materials()),
             parts: Parts::of(transfer),
             report: &transfer.report,
         })
@@ -322,7 +319,7 @@ impl std::fmt::Display for CacheContents<'_> {
             ),
         );
         if !self.emitters.is_empty() {
-            table.line("emitters", named(&self.emitters));
+            table.line("emitters", quoted(&self.emitters));
         }
         table.line("transfer", format!("{:.1} bytes a pixel", self.bytes_per_pixel));
         table.line("  diffuse gather", size(parts.gather_bytes));

@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::Args;
 use relume::relight::{FrameStats, RelightSettings};
 use relume::{Error, Relighter, Result, Transfer};
-use relume_io::{Attribute, load_rig};
+use relume_io::{Attribute, check_emitters, load_rig};
 use serde::Serialize;
 
 use crate::arguments::{Curve, Part, Threads, antialiasing};
@@ -14,7 +14,6 @@ use crate::console::Console;
 use crate::interrupt;
 use crate::output::{self, ImageKind, ImageOutput, number, text};
 use crate::report::{Table, count, duration};
-use crate::scene_file::check_emitters;
 
 /// Relight a prepared shot: soft shadows and all bounces of indirect light, from the cache alone.
 #[derive(Args)]
@@ -22,7 +21,7 @@ use crate::scene_file::check_emitters;
 pub(crate) struct Arguments {
     /// The cache that `relume prepare` wrote.
     cache: PathBuf,
-    /// The lights.
+    /// The lights, and how emissive materials shine.
     #[arg(long, value_name = "RIG.toml")]
     rig: PathBuf,
     /// The image to write: .exr is scene-linear with layers, .png is as a display shows it.
@@ -76,10 +75,12 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     interrupt::listen()?;
     arguments.threads.start()?;
     let began = Instant::now();
-    let mut relighter =
-        console.stage("reading the cache", || Transfer::load(&arguments.cache).map(Relighter::new))?;
+    let mut relighter = console.stage("reading the cache", || {
+        let transfer = Transfer::load(&arguments.cache)?;
+        check_emitters(&rig, &arguments.rig, transfer.report.named_materials())?;
+        Ok(Relighter::new(transfer))
+    })?;
     let load_seconds = began.elapsed().as_secs_f64();
-    check_emitters(&rig, &arguments.rig, &relighter.transfer().report.materials)?;
     let settings = RelightSettings {
         bounces: arguments.bounces,
         aa: arguments.aa,

@@ -34,11 +34,12 @@ fn outputs_are_refused_before_any_work() {
 }
 
 #[test]
-fn an_emitter_of_no_material_is_told_with_the_rig_and_the_materials() {
+fn an_emitter_of_no_material_is_told_with_its_line_in_the_rig() {
     let work = Workplace::prepared();
-    let rig = format!("{RIG}\n[[emitter]]\nmaterial = \"neon\"\nscale = [1, 1, 1]\n");
+    let rig = format!("{RIG}\n[[emitter]]\nscale = [1, 1, 1]\nmaterial = \"neon\"\n");
     work.write("neon.toml", rig.as_bytes());
-    let message = "neon.toml: emitter `neon`: the scene";
+    let line = rig.lines().position(|line| line.contains("neon")).unwrap() + 1;
+    let message = &format!("neon.toml: line {line}: emitter `neon`: no material has this name; ");
     work.refused(&with(&RELIGHT, "rig.toml", "neon.toml"), 2, message);
     work.refused(&["bench", "room.relume", "--rig", "neon.toml"], 2, message);
     let reference = ["reference", "room.gltf", "--rig", "neon.toml", "--spp", "1", "-o", "out.exr"];

@@ -74,10 +74,32 @@ pub fn load_rig(path: impl AsRef<Path>) -> Result<LightRig> {
 pub fn parse_rig(text: &str, path: impl AsRef<Path>) -> Result<LightRig> {
     parse::parse(text).map_err(|problem| {
         // A rig may end in an unfinished line, and a missing key is told at its table's header.
-        let offset = problem.offset.min(text.len());
-        let line = 1 + text.as_bytes()[..offset].iter().filter(|&&byte| byte == b'\n').count();
+        let line = line_of(text, problem.offset);
         Error::file(path, format!("line {line}: {}", problem.message))
     })
+}
+
+/// Checks that every emitter of `rig`, which was read from `path`, names a material that shines, of `materials`: their names, and whether
+/// they emit anything.
+///
+/// # Errors
+/// [`Error::File`] with the line of the first emitter at fault.
+pub fn check_emitters<'m>(
+    rig: &LightRig,
+    path: impl AsRef<Path>,
+    materials: impl Iterator<Item = (&'m str, bool)>,
+) -> Result<()> {
+    let path = path.as_ref();
+    let Err(fault) = rig.emitters_of(materials) else { return Ok(()) };
+    // the file may have changed since; then there is no line to tell
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    let line = parse::emitter_offset(&text, fault.emitter).map(|offset| line_of(&text, offset));
+    let place = line.map_or(String::new(), |line| format!("line {line}: "));
+    Err(Error::file(path, format!("{place}{}", fault.message)))
+}
+
+fn line_of(text: &str, offset: usize) -> usize {
+    1 + text.as_bytes()[..offset.min(text.len())].iter().filter(|&&byte| byte == b'\n').count()
 }
 
 /// Writes `rig` as a TOML file that [`load_rig`] reads back bit for bit. The file appears whole or not at

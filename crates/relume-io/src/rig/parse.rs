@@ -26,11 +26,19 @@ pub(super) fn parse(text: &str) -> Result<LightRig, Problem> {
     }
 }
 
+/// The byte at which the material of an emitter, counted from 0, is named.
+pub(super) fn emitter_offset(text: &str, emitter: usize) -> Option<usize> {
+    let document = DeTable::parse(text).ok()?;
+    let (_, list) = document.get_ref().iter().find(|(key, _)| key.get_ref() == "emitter")?;
+    let item = list.get_ref().as_array()?.get(emitter)?;
+    Some(Table { keys: item.get_ref().as_table()?, offset: item.span().start }.offset_of("material"))
+}
+
 struct Reader {
     problems: Vec<Problem>,
 }
 
-/// A light's table, what its messages call it, and where it begins.
+/// A light's or an emitter's table, and where it begins.
 struct Table<'t, 'i> {
     keys: &'t DeTable<'i>,
     offset: usize,
@@ -154,7 +162,7 @@ impl Reader {
             let written = key.get_ref();
             let mend = match near_miss(written, known()) {
                 Some(near) => format!("did you mean `{near}`?"),
-                None => "an emitter has material, scale".to_owned(),
+                None => format!("an emitter has {}", known().collect::<Vec<_>>().join(", ")),
             };
             self.problem(key.span().start, format!("unknown key `{written}`; {mend}"));
         }
@@ -163,7 +171,9 @@ impl Reader {
             let misspelt =
                 table.keys.keys().any(|written| near_miss(written.get_ref(), known()) == Some(key));
             if table.find(key).is_none() && !misspelt {
-                let message = format!("this emitter has no `{key}`; add {key} = {example}");
+                let name = table.find("material").and_then(|(_, value)| value.get_ref().as_str());
+                let emitter = name.map_or("this emitter".to_owned(), |name| format!("emitter `{name}`"));
+                let message = format!("{emitter} has no `{key}`; add {key} = {example}");
                 self.problem(table.offset, message);
             }
         }

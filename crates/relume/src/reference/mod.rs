@@ -152,8 +152,9 @@ pub fn render(
 ) -> Result<Reference> {
     settings.check(scene)?;
     let enabled: Vec<_> = rig.lights.iter().filter(|light| light.enabled).collect();
-    let names: Vec<&str> = scene.materials.iter().map(|material| material.name.as_str()).collect();
-    let emission_scales = rig.emission_scales(&names)?;
+    let emitters = rig.emitters_of(scene.named_materials())?;
+    let scale = |emitter: &Option<usize>| emitter.map_or(Vec3::ONE, |emitter| rig.emitters[emitter].scale);
+    let emission_scales: Vec<Vec3> = emitters.iter().map(scale).collect();
     let world = World {
         scene,
         geometry,

@@ -7,7 +7,6 @@
 mod direct;
 mod upsample;
 
-use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -94,10 +93,13 @@ struct Glow {
     /// Ascending.
     materials: Vec<u32>,
     settings: RelightSettings,
-    /// What it is multiplied by in the last frame.
-    scale: Vec3,
+    /// What it was multiplied by in the last frame; `None` where that had other groups.
+    scale: Option<Vec3>,
     lit: Lit,
 }
+
+/// Groups of emissive materials that are kept for frames that name others.
+const SPARE_GLOWS: usize = 4;
 
 /// Name under which the light of emissive surfaces appears among the layers a light.
 pub const EMISSION: &str = "emission";
@@ -189,11 +191,12 @@ impl Relighter {
         self.stats = FrameStats::default();
         let shining: Vec<&Light> =
             rig.lights.iter().filter(|light| light.enabled && light.color() != Vec3::ZERO).collect();
-        progress.stage("relighting", shining.len() as u64);
+        progress.stage("relighting", (shining.len() + glows.len()) as u64);
         let mut before = std::mem::take(&mut self.kept);
         before.append(&mut self.dark);
         for light in &shining {
             if progress.cancelled() {
+                self.dark = before;
                 return Err(Error::Cancelled);
             }
             let found = before
@@ -212,7 +215,7 @@ impl Relighter {
             .filter(|kept| kept.settings.same_light(settings))
             .filter(|kept| rig.lights.iter().any(|light| kept.light.same_but_for_color(light)))
             .collect();
-        self.light_emission(glows, settings);
+        self.light_emission(glows, settings, progress)?;
         let sum_began = Instant::now();
         let mut layers = self.sum(settings);
         layers.edges.clone_from(&self.edges);
@@ -264,38 +267,43 @@ impl Relighter {
         pixels
     }
 
-    /// Emissive materials that shine in the shot, in groups, with what each group is multiplied by: one group for each name
-    /// in the rig, one for all others.
+    /// Emissive materials that shine in the shot, in groups, with what each group is multiplied by: one group for each emitter of
+    /// the rig, one for all other materials.
     fn glows(&self, rig: &LightRig) -> Result<Vec<(Vec<u32>, Vec3)>> {
-        let names = &self.transfer.report.materials;
-        let scales = rig.emission_scales(names)?;
-        let mut groups: Vec<(Vec<u32>, Vec3)> = Vec::new();
-        let mut of_name: HashMap<Option<&str>, usize> = HashMap::new();
+        let emitters = rig.emitters_of(self.transfer.report.named_materials())?;
+        let mut groups = vec![Vec::new(); rig.emitters.len() + 1];
         for &material in &self.emissive {
-            let (name, scale) = (&names[material as usize], scales[material as usize]);
-            let named = rig.emitters.iter().any(|emitter| emitter.material == *name);
-            let group = *of_name.entry(named.then_some(name)).or_insert_with(|| {
-                groups.push((Vec::new(), scale));
-                groups.len() - 1
-            });
-            groups[group].0.push(material);
+            groups[emitters[material as usize].unwrap_or(rig.emitters.len())].push(material);
         }
-        Ok(groups)
+        let scales = rig.emitters.iter().map(|emitter| emitter.scale).chain([Vec3::ONE]);
+        Ok(groups.into_iter().zip(scales).filter(|(materials, _)| !materials.is_empty()).collect())
     }
 
     /// Emissive surfaces: what the camera sees of them, their light on the view samples (direct), and its bounces.
-    fn light_emission(&mut self, glows: Vec<(Vec<u32>, Vec3)>, settings: &RelightSettings) {
+    fn light_emission(
+        &mut self,
+        glows: Vec<(Vec<u32>, Vec3)>,
+        settings: &RelightSettings,
+        progress: &dyn Progress,
+    ) -> Result<()> {
         let mut before = std::mem::take(&mut self.emission);
+        before.retain(|glow| glow.settings.same_light(settings));
+        before.iter_mut().for_each(|glow| glow.scale = None);
         for (materials, scale) in glows {
-            let known = before
-                .iter()
-                .position(|kept| kept.settings.same_light(settings) && kept.materials == materials);
-            let lit = match known {
-                Some(place) => before.swap_remove(place).lit,
-                None => self.glow(&materials, settings),
-            };
-            self.emission.push(Glow { materials, settings: *settings, scale, lit });
+            if let Some(place) = before.iter().position(|glow| glow.materials == materials) {
+                self.emission.push(Glow { scale: Some(scale), ..before.swap_remove(place) });
+            } else if scale != Vec3::ZERO {
+                if progress.cancelled() {
+                    self.emission.append(&mut before);
+                    return Err(Error::Cancelled);
+                }
+                let lit = self.glow(&materials, settings);
+                self.emission.push(Glow { materials, settings: *settings, scale: Some(scale), lit });
+            }
+            progress.advance(1);
         }
+        self.emission.extend(before.into_iter().take(SPARE_GLOWS));
+        Ok(())
     }
 
     fn glow(&mut self, materials: &[u32], settings: &RelightSettings) -> Lit {
@@ -318,34 +326,36 @@ impl Relighter {
         lit
     }
 
+    /// What all emissive surfaces do together; `None` where none shines.
+    fn emission_layers(&self) -> Option<LightLayers> {
+        let mut shining = self.emission.iter().filter_map(|glow| Some((glow.scale?, &glow.lit))).peekable();
+        shining.peek()?;
+        let mut all = LightLayers { name: EMISSION.to_owned(), direct: self.black(), indirect: self.black() };
+        for (scale, lit) in shining {
+            add_scaled(&mut all.direct, &lit.direct, scale);
+            add_scaled(&mut all.indirect, &lit.indirect, scale);
+        }
+        Some(all)
+    }
+
     fn sum(&self, settings: &RelightSettings) -> Layers {
-        let mut parts: Vec<(&str, Vec3, &Lit)> =
-            self.kept.iter().map(|kept| (kept.light.name.as_str(), kept.light.color(), &kept.lit)).collect();
-        let lights = parts.len();
-        parts.extend(self.emission.iter().map(|glow| (EMISSION, glow.scale, &glow.lit)));
         let mut layers = Layers { direct: self.black(), indirect: self.black(), ..Layers::default() };
-        for (_, color, lit) in &parts {
-            add_scaled(&mut layers.direct, &lit.direct, *color);
-            add_scaled(&mut layers.indirect, &lit.indirect, *color);
+        for Kept { light, lit, .. } in &self.kept {
+            add_scaled(&mut layers.direct, &lit.direct, light.color());
+            add_scaled(&mut layers.indirect, &lit.indirect, light.color());
+        }
+        let emission = self.emission_layers();
+        if let Some(emission) = &emission {
+            add_scaled(&mut layers.direct, &emission.direct, Vec3::ONE);
+            add_scaled(&mut layers.indirect, &emission.indirect, Vec3::ONE);
         }
         if settings.per_light {
-            layers.per_light = parts[..lights]
-                .iter()
-                .map(|(name, color, lit)| LightLayers {
-                    name: (*name).to_owned(),
-                    direct: scaled(&lit.direct, *color),
-                    indirect: scaled(&lit.indirect, *color),
-                })
-                .collect();
-            if parts.len() > lights {
-                let mut all =
-                    LightLayers { name: EMISSION.to_owned(), direct: self.black(), indirect: self.black() };
-                for (_, scale, lit) in &parts[lights..] {
-                    add_scaled(&mut all.direct, &lit.direct, *scale);
-                    add_scaled(&mut all.indirect, &lit.indirect, *scale);
-                }
-                layers.per_light.push(all);
-            }
+            let of_light = |Kept { light, lit, .. }: &Kept| LightLayers {
+                name: light.name.clone(),
+                direct: scaled(&lit.direct, light.color()),
+                indirect: scaled(&lit.indirect, light.color()),
+            };
+            layers.per_light = self.kept.iter().map(of_light).chain(emission).collect();
         }
         layers
     }

@@ -1,8 +1,8 @@
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashMap};
 
 use glam::Vec3;
 
-use crate::{Error, Result};
+use crate::Error;
 
 /// A light source, and whether it shines.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,47 +73,81 @@ pub struct Emitter {
     pub scale: Vec3,
 }
 
+/// What is wrong with one of a rig's emitters.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EmitterFault {
+    /// Which of [`LightRig::emitters`].
+    pub emitter: usize,
+    /// One sentence.
+    pub message: String,
+}
+
+impl From<EmitterFault> for Error {
+    fn from(fault: EmitterFault) -> Self {
+        Self::Setting(fault.message)
+    }
+}
+
 impl LightRig {
-    /// What the emission of each of `materials`, given by their names, is multiplied by; 1 for those that no emitter names.
+    /// Which of [`Self::emitters`] each of `materials` follows: their names, and whether they emit anything in the scene.
     ///
     /// # Errors
-    /// [`Error::Setting`] where an emitter names none of them.
-    pub fn emission_scales<S: AsRef<str>>(&self, materials: &[S]) -> Result<Vec<Vec3>> {
-        let mut scales = vec![Vec3::ONE; materials.len()];
-        for emitter in &self.emitters {
-            let mut found = false;
-            for (scale, _) in
-                scales.iter_mut().zip(materials).filter(|(_, name)| name.as_ref() == emitter.material)
-            {
-                *scale = emitter.scale;
-                found = true;
+    /// [`EmitterFault`] for the first emitter that names no material, or none that emits, repeats an earlier one, or has a scale that is
+    /// negative or no number.
+    pub fn emitters_of<'m>(
+        &self,
+        materials: impl Iterator<Item = (&'m str, bool)>,
+    ) -> Result<Vec<Option<usize>>, EmitterFault> {
+        let mut by_name: HashMap<&str, usize> = HashMap::new();
+        for (emitter, Emitter { material, scale }) in self.emitters.iter().enumerate() {
+            let fault = |message: String| Err(EmitterFault { emitter, message });
+            if by_name.insert(material, emitter).is_some() {
+                return fault(format!("emitter `{material}`: an earlier one names this material too"));
             }
-            if !found {
-                return Err(no_material(&emitter.material, materials));
+            if !scale.is_finite() || scale.min_element() < 0.0 {
+                return fault(format!(
+                    "emitter `{material}`: `scale` must be three finite numbers, none negative"
+                ));
             }
         }
-        Ok(scales)
+        let (mut known, mut shining) = (vec![false; self.emitters.len()], vec![false; self.emitters.len()]);
+        let mut names: BTreeSet<&str> = BTreeSet::new();
+        let mut of_materials = Vec::new();
+        for (name, emits) in materials {
+            let emitter = by_name.get(name).copied();
+            if let Some(emitter) = emitter {
+                known[emitter] = true;
+                shining[emitter] |= emits;
+            }
+            if emits && !name.is_empty() {
+                names.insert(name);
+            }
+            of_materials.push(emitter);
+        }
+        if let Some(emitter) = shining.iter().position(|shines| !shines) {
+            let name = &self.emitters[emitter].material;
+            let what =
+                if known[emitter] { "this material emits nothing" } else { "no material has this name" };
+            return Err(EmitterFault {
+                emitter,
+                message: format!("emitter `{name}`: {what}; {}", listed(&names)),
+            });
+        }
+        Ok(of_materials)
     }
 }
 
 /// Most names of materials that a message lists.
 const LISTED: usize = 12;
 
-fn no_material<S: AsRef<str>>(name: &str, materials: &[S]) -> Error {
-    let mut seen = HashSet::new();
-    let names: Vec<String> = materials
-        .iter()
-        .map(AsRef::as_ref)
-        .filter(|name| !name.is_empty() && seen.insert(*name))
-        .map(|name| format!("`{name}`"))
-        .collect();
+fn listed(names: &BTreeSet<&str>) -> String {
     if names.is_empty() {
-        return Error::Setting(format!("emitter `{name}`: the scene's materials have no names"));
+        return "the scene has no named material that shines".to_owned();
     }
+    let first: Vec<String> = names.iter().take(LISTED).map(|name| format!("`{name}`")).collect();
     let more =
         if names.len() > LISTED { format!(" and {} more", names.len() - LISTED) } else { String::new() };
-    let known = names[..names.len().min(LISTED)].join(", ");
-    Error::Setting(format!("emitter `{name}`: the scene has no material of this name; it has {known}{more}"))
+    format!("those that shine are {}{more}", first.join(", "))
 }
 
 impl Light {

@@ -10,7 +10,7 @@ mod texture;
 
 pub use camera::Camera;
 pub use geometry::Geometry;
-pub use light::{Emitter, Light, LightKind, LightRig};
+pub use light::{Emitter, EmitterFault, Light, LightKind, LightRig};
 pub use material::{AlphaMode, Material, TextureRef};
 pub use texture::{ColorSpace, Texture, Wrap};
 
@@ -65,4 +65,11 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// Lights stored in the file.
     pub lights: LightRig,
+}
+
+impl Scene {
+    /// The materials by their names, and whether they emit light.
+    pub fn named_materials(&self) -> impl Iterator<Item = (&str, bool)> {
+        self.materials.iter().map(|material| (material.name.as_str(), material.emission != Vec3::ZERO))
+    }
 }

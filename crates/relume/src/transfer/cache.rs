@@ -23,7 +23,7 @@ use xxhash_rust::xxh3::xxh3_64;
 use super::haar_rows::HaarRows;
 use super::low_rank::LowRank;
 use super::{Buffer, Encoding, Matrix, Occluders, Operator, Report, Timings, Transfer};
-use crate::sample::{GatherCloud, Receivers, SUB_SAMPLES, ViewSamples};
+use crate::sample::{Emitted, GatherCloud, Receivers, SUB_SAMPLES, ViewSample, ViewSamples};
 use crate::scene::Wrap;
 use crate::trace::{AlphaMask, AlphaMasks};
 use crate::{Error, Result, atomic_write};
@@ -224,6 +224,10 @@ impl MaskHeader {
     }
 }
 
+fn is_light(radiance: Vec3) -> bool {
+    radiance.is_finite() && radiance.min_element() >= 0.0
+}
+
 fn seal(header: &RawValue) -> String {
     format!("{:016x}", xxh3_64(header.get().as_bytes()))
 }
@@ -343,20 +347,17 @@ impl<'a> Opened<'a> {
             quad_emission: emission_from(&self.buffer("view.quad_emission")?),
         };
         let pixels = width.checked_mul(height);
+        let materials = self.header.report.materials.len();
+        let emits = |samples: &[ViewSample], emission: &[(u32, Vec3)]| {
+            emission.iter().all(|&(index, radiance)| {
+                let sample = samples.get(index as usize);
+                sample.is_some_and(|sample| (sample.material as usize) < materials) && is_light(radiance)
+            })
+        };
         let fits = pixels == Some(view.centers.len())
             && pixels.and_then(|pixels| pixels.checked_mul(4)) == Some(view.quads.len())
-            && view.center_emission.iter().all(|&(index, _)| (index as usize) < view.centers.len())
-            && view.quad_emission.iter().all(|&(index, _)| (index as usize) < view.quads.len());
-        let materials = self.header.report.materials.len();
-        let fits = fits
-            && view
-                .center_emission
-                .iter()
-                .all(|&(i, _)| (view.centers[i as usize].material as usize) < materials)
-            && view
-                .quad_emission
-                .iter()
-                .all(|&(i, _)| (view.quads[i as usize].material as usize) < materials);
+            && emits(&view.centers, &view.center_emission)
+            && emits(&view.quads, &view.quad_emission);
         if fits { Ok(view) } else { Err(self.refuse("view")) }
     }
 
@@ -367,13 +368,18 @@ impl<'a> Opened<'a> {
             emitted: self.values("cloud.emitted")?,
         };
         let materials = self.header.report.materials.len();
+        let known = |part: &Emitted| {
+            (part.sample as usize) < cloud.len()
+                && (part.material as usize) < materials
+                && is_light(part.radiance)
+        };
         let fits = cloud.len().is_power_of_two()
             && cloud.len().trailing_zeros().is_multiple_of(2)
             && cloud.sub_samples.len() == SUB_SAMPLES * cloud.len()
-            && cloud
-                .emitted
-                .iter()
-                .all(|part| (part.sample as usize) < cloud.len() && (part.material as usize) < materials);
+            && cloud.emitted.iter().all(known)
+            && cloud.emitted.is_sorted_by(|a, b| {
+                a.sample < b.sample || (a.sample == b.sample && a.material != b.material)
+            });
         if fits { Ok(cloud) } else { Err(self.refuse("cloud")) }
     }
 

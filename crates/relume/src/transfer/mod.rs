@@ -75,6 +75,8 @@ pub struct Report {
     pub scene: String,
     /// Names of the scene's materials, by number.
     pub materials: Vec<String>,
+    /// Numbers of those that emit light, ascending, whether the shot has any of it or not.
+    pub emissive: Vec<u32>,
     /// xxh3 hash of all that was read of the scene: geometry, materials, textures, camera.
     pub scene_hash: String,
     /// Triangles.
@@ -98,6 +100,14 @@ pub struct Timings {
     pub seconds: f64,
     /// The same by stage, in order.
     pub stages: Vec<(String, f64)>,
+}
+
+impl Report {
+    /// The scene's materials by their names, and whether they emit light.
+    pub fn named_materials(&self) -> impl Iterator<Item = (&str, bool)> {
+        let emits = |number: u32| self.emissive.binary_search(&number).is_ok();
+        (0..).zip(&self.materials).map(move |(number, name)| (name.as_str(), emits(number)))
+    }
 }
 
 impl Transfer {

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use xxhash_rust::xxh3::Xxh3;
 
 use super::compute::{self, Computed, Encoder, Plan, RowEstimator};
@@ -218,6 +218,11 @@ impl<'a> Preparation<'a> {
             settings: settings.clone(),
             scene: self.name,
             materials: self.scene.materials.iter().map(|material| material.name.clone()).collect(),
+            emissive: (0..)
+                .zip(&self.scene.materials)
+                .filter(|(_, material)| material.emission != Vec3::ZERO)
+                .map(|(number, _)| number)
+                .collect(),
             scene_hash: scene_hash(self.scene, &geometry, &camera),
             triangles: geometry.triangles.len() as u64,
             rays_per_pixel: gather.rays as f64 / lit,

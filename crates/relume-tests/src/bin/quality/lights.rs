@@ -97,7 +97,14 @@ pub(crate) fn from_rigs(shot: &Shot, rigs: &Path) -> Result<Vec<Case>> {
     let paths = if rigs.is_file() { vec![rigs.to_owned()] } else { rigs_in(rigs)? };
     let read = |path: &PathBuf| {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Case { name, rig: load_rig(path)?, emission: false })
+        let rig = load_rig(path)?;
+        if !rig.emitters.is_empty() {
+            return Err(Error::file(
+                path,
+                "has emitters; what surfaces emit is a case of its own, so take them out",
+            ));
+        }
+        Ok(Case { name, rig, emission: false })
     };
     let cases = paths.iter().map(read).collect::<Result<Vec<_>>>()?;
     Ok(with_emission(shot, cases))

@@ -59,7 +59,7 @@ const SAME_PLANE: f32 = 1.0;
 
 /// Farthest that their roughnesses may lie apart, where both are sharp, and how much more at roughness 1 (it grows with the square, as the
 /// lobe does): reflections are seen along one lobe.
-const SAME_LOBE: (f32, f32) = (0.1, 0.3);
+const SAME_LOBE: (f32, f32) = (0.1, 1.0);
 
 /// Where one sample takes its light from.
 #[derive(Clone, Copy)]

@@ -22,6 +22,9 @@ use crate::trace::{Hit, Ray};
 /// stand for a whole cluster: single rows then miss their sums by far. More leave wide lobes to the hits alone, which are noisier.
 const BALANCE: f32 = 2.0;
 
+/// Lobes of less perceptual roughness are sharp; GGX's alpha is its square.
+const SHARP: f32 = 0.4;
+
 /// Responses and densities of the lobes of a tile towards some cells, a row a point, times `cos_x / r^2` and the area.
 struct Lobes {
     responses: Vec<f32>,
@@ -78,7 +81,10 @@ impl RowSource<'_> {
                 number,
                 tile,
                 lobes: lobes_of(tile),
-                rays: [scratch.found_ends[number].1, self.rays_each(tile, self.settings.lobe_rays)],
+                rays: [
+                    scratch.found_ends[number].1,
+                    self.rays_each(tile, lobe_rays(tile, self.settings.lobe_rays)),
+                ],
             })
             .collect();
         let mut rays = 0;
@@ -191,6 +197,13 @@ impl RowSource<'_> {
         targets.cells = cells;
         targets
     }
+}
+
+/// Wide lobes find with the rays of the whole tile what sharp ones must find with their own.
+fn lobe_rays(tile: &Tile<'_>, of_sharp: usize) -> usize {
+    let sharp =
+        tile.points.iter().any(|point| point.lobe.is_some_and(|lobe| lobe.terms().alpha2 < SHARP.powi(4)));
+    if sharp { of_sharp } else { of_sharp.div_ceil(4) }
 }
 
 fn lobes_of(tile: &Tile<'_>) -> Vec<LobeTerms> {

@@ -51,7 +51,8 @@ pub(super) struct RowSettings {
     /// Clusters of cells whose form factors add up to less than this, in the mean over the tile, are answered for by one of
     /// their cells. Larger spends fewer rays and leaves more noise.
     pub(super) faint: f32,
-    /// Rays along the specular lobe of a point that has one; points of small tiles send more, as above.
+    /// Rays along the specular lobe of a point that has one, a quarter in tiles where none is sharp; points of small tiles send more, as
+    /// above.
     pub(super) lobe_rays: usize,
     /// What counts as near.
     pub(super) spread: Spread,

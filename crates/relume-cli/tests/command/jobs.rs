@@ -17,7 +17,9 @@ fn prepare_tells_its_figures() {
     assert_eq!(work.read("room.relume").len() as f64, cache);
     assert_eq!(told["triangles"], 6);
     assert_eq!(told["settings"]["camera"], 1);
-    let pixels_bytes = told["gather_bytes"].as_f64().unwrap() + told["bounce_bytes"].as_f64().unwrap();
+    let parts = ["gather_bytes", "glossy_bytes", "bounce_bytes"];
+    let pixels_bytes: f64 = parts.iter().map(|part| told[*part].as_f64().unwrap()).sum();
+    assert!(parts.iter().all(|part| told[*part].as_f64().unwrap() > 0.0), "{told}");
     assert!((pixels_bytes / (32.0 * 24.0) - per_pixel).abs() < 1e-6);
 }
 

@@ -92,13 +92,13 @@ impl Receivers {
     /// In place of a receiver where nothing reflects.
     pub const NONE: u32 = u32::MAX;
 
-    /// Places receivers for what `camera` sees.
-    pub fn new(view: &ViewSamples, camera: &Camera) -> Self {
+    /// Places receivers for what `camera` sees; `glossy` says whether light is gathered along specular lobes as well.
+    pub fn new(view: &ViewSamples, camera: &Camera, glossy: bool) -> Self {
         let middle = |x: f32| camera.direction(x, 0.5 * view.height as f32, view.width, view.height);
         let half = 0.5 * view.width as f32;
-        let pixel = middle(half).distance(middle(half + 1.0));
+        let alike = Alike { pixel: middle(half).distance(middle(half + 1.0)), glossy };
         let rows: Vec<(Vec<Source>, Vec<u32>)> =
-            (0..view.height).into_par_iter().map(|row| sources(view, row, pixel)).collect();
+            (0..view.height).into_par_iter().map(|row| sources(view, row, alike)).collect();
         let mut points = Vec::with_capacity(view.pixels());
         let of_centers: Vec<u32> = view
             .centers
@@ -123,13 +123,13 @@ impl Receivers {
                 Source::Further(number) => first + number,
             }));
         }
-        average(&mut points, view, &of_quads);
+        average(&mut points, view, &of_quads, glossy);
         Self { points, of_centers, of_quads, further }
     }
 }
 
 /// Where the samples of a row of pixels take their light from, and the quads that are further receivers.
-fn sources(view: &ViewSamples, row: usize, pixel: f32) -> (Vec<Source>, Vec<u32>) {
+fn sources(view: &ViewSamples, row: usize, alike: Alike) -> (Vec<Source>, Vec<u32>) {
     let mut further: Vec<u32> = Vec::new();
     let mut sources = Vec::with_capacity(4 * view.width);
     for column in 0..view.width {
@@ -137,19 +137,19 @@ fn sources(view: &ViewSamples, row: usize, pixel: f32) -> (Vec<Source>, Vec<u32>
         for quad in 0..4 {
             let index = 4 * (row * view.width + column) + quad;
             let sample = &view.quads[index];
-            if !reflects(sample) {
+            if !alike.reflects(sample) {
                 sources.push(Source::Nothing);
                 continue;
             }
             let nearest = view.nearest_center(sample, row, column);
             if let Some(nearest) =
-                nearest.filter(|&nearest| serves(&view.centers[nearest as usize], sample, pixel))
+                nearest.filter(|&nearest| alike.serves(&view.centers[nearest as usize], sample))
             {
                 sources.push(Source::Center(nearest));
                 continue;
             }
             let own =
-                further[first..].iter().position(|&quad| serves(&view.quads[quad as usize], sample, pixel));
+                further[first..].iter().position(|&quad| alike.serves(&view.quads[quad as usize], sample));
             let number = own.map_or(further.len(), |own| first + own);
             if own.is_none() {
                 further.push(index as u32);
@@ -160,24 +160,36 @@ fn sources(view: &ViewSamples, row: usize, pixel: f32) -> (Vec<Source>, Vec<u32>
     (sources, further)
 }
 
-/// Whether `sample` lies in the plane of `receiver`, faces as it does and is about as rough. `pixel` is the angle of a pixel.
-fn serves(receiver: &ViewSample, sample: &ViewSample, pixel: f32) -> bool {
-    let faces = |of: &ViewSample| (of.geometric_normal.get(), of.shading_normal.get());
-    let ((geometric, shading), (its_geometric, its_shading)) = (faces(sample), faces(receiver));
-    let apart = sample.position - receiver.position;
-    let off_plane = apart.dot(geometric).abs().max(apart.dot(its_geometric).abs());
-    let (rough, its_rough) = (sample.roughness(), receiver.roughness());
-    let wide = rough.min(its_rough).powi(2);
-    (rough - its_rough).abs() < SAME_LOBE.0 + SAME_LOBE.1 * wide
-        && its_geometric.dot(geometric) > SAME_FACE
-        && its_shading.dot(shading) > SAME_NORMAL
-        && off_plane < SAME_PLANE * pixel * sample.depth
+/// When samples are alike enough to share a receiver.
+#[derive(Clone, Copy)]
+struct Alike {
+    /// The angle of a pixel.
+    pixel: f32,
+    /// Whether their lobes must be alike too.
+    glossy: bool,
 }
 
-/// Whether any light from the surroundings is reflected.
-fn reflects(sample: &ViewSample) -> bool {
-    let surface = sample.surface();
-    sample.is_lit() && (surface.diffuse_albedo != Vec3::ZERO || surface.specular_f90 > 0.0)
+impl Alike {
+    /// Whether `sample` lies in the plane of `receiver`, faces as it does and is about as rough.
+    fn serves(self, receiver: &ViewSample, sample: &ViewSample) -> bool {
+        let faces = |of: &ViewSample| (of.geometric_normal.get(), of.shading_normal.get());
+        let ((geometric, shading), (its_geometric, its_shading)) = (faces(sample), faces(receiver));
+        let apart = sample.position - receiver.position;
+        let off_plane = apart.dot(geometric).abs().max(apart.dot(its_geometric).abs());
+        let (rough, its_rough) = (sample.roughness(), receiver.roughness());
+        let wide = rough.min(its_rough).powi(2);
+        its_geometric.dot(geometric) > SAME_FACE
+            && its_shading.dot(shading) > SAME_NORMAL
+            && off_plane < SAME_PLANE * self.pixel * sample.depth
+            && (!self.glossy || (rough - its_rough).abs() < SAME_LOBE.0 + SAME_LOBE.1 * wide)
+    }
+
+    /// Whether any light from the surroundings is reflected.
+    fn reflects(self, sample: &ViewSample) -> bool {
+        let surface = sample.surface();
+        let glossy = self.glossy && surface.specular_f90 > 0.0;
+        sample.is_lit() && (surface.diffuse_albedo != Vec3::ZERO || glossy)
+    }
 }
 
 /// Sums over the samples that a receiver serves.
@@ -192,13 +204,13 @@ struct Sums {
 }
 
 /// Gives every receiver the mean shading normal and the mean gloss of the samples it serves, weighted by what these reflect.
-fn average(points: &mut [Receiver], view: &ViewSamples, of_quads: &[u32]) {
+fn average(points: &mut [Receiver], view: &ViewSamples, of_quads: &[u32], glossy: bool) {
     let mut sums = vec![Sums::default(); points.len()];
     for (sample, &receiver) in view.quads.iter().zip(of_quads) {
         if let Some(sums) = sums.get_mut(receiver as usize) {
             let surface = sample.surface();
             let f0 = surface.specular_f0.element_sum() / 3.0;
-            let reflected = surface.diffuse_albedo.element_sum() / 3.0 + f0;
+            let reflected = surface.diffuse_albedo.element_sum() + if glossy { 3.0 * f0 } else { 0.0 };
             sums.normals += surface.shading_normal * reflected;
             sums.reflected += reflected;
             sums.roughness += surface.roughness * f0;

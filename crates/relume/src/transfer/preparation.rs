@@ -330,7 +330,7 @@ impl Shot<'_> {
         let (width, height) = self.settings.size;
         let (view, hits) =
             ViewSamples::new(self.scene, self.geometry, self.accel, camera, (width, height), progress)?;
-        let receivers = Receivers::new(&view, camera);
+        let receivers = Receivers::new(&view, camera, self.settings.glossy);
         let look = |pixel: usize, offset: Vec2| {
             let (x, y) = ((pixel % width) as f32 + offset.x, (pixel / width) as f32 + offset.y);
             camera.direction(x, y, width, height)

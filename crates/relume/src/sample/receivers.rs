@@ -197,13 +197,18 @@ impl Alike {
 struct Sums {
     normals: Vec3,
     reflected: f32,
-    roughness: f32,
+    facets: Vec3,
+    /// Of squared slopes, twice their variance along an axis.
+    slopes: f32,
     f0: f32,
     f90: f32,
     specular: f32,
 }
 
 /// Gives every receiver the mean shading normal and the mean gloss of the samples it serves, weighted by what these reflect.
+///
+/// The samples' facets face as far apart as their lobes are wide and as their normals differ: both variances add up to that of one
+/// lobe (Toksvig 2005; Olano and Baker 2010), which shows the mean of what the samples' own lobes would.
 fn average(points: &mut [Receiver], view: &ViewSamples, of_quads: &[u32], glossy: bool) {
     let mut sums = vec![Sums::default(); points.len()];
     for (sample, &receiver) in view.quads.iter().zip(of_quads) {
@@ -213,7 +218,8 @@ fn average(points: &mut [Receiver], view: &ViewSamples, of_quads: &[u32], glossy
             let reflected = surface.diffuse_albedo.element_sum() + if glossy { 3.0 * f0 } else { 0.0 };
             sums.normals += surface.shading_normal * reflected;
             sums.reflected += reflected;
-            sums.roughness += surface.roughness * f0;
+            sums.facets += surface.shading_normal * f0;
+            sums.slopes += surface.roughness.powi(4) * f0;
             sums.f0 += f0 * f0;
             sums.f90 += surface.specular_f90 * f0;
             sums.specular += f0;
@@ -225,7 +231,9 @@ fn average(points: &mut [Receiver], view: &ViewSamples, of_quads: &[u32], glossy
         }
         if sums.specular > 0.0 {
             let share = 1.0 / sums.specular;
-            point.gloss.roughness = sums.roughness * share;
+            let apart = (1.0 - share * sums.facets.dot(point.shading_normal)).clamp(0.0, 1.0);
+            let slopes = share * sums.slopes + 2.0 * apart;
+            point.gloss.roughness = slopes.sqrt().sqrt().min(1.0);
             (point.gloss.f0, point.gloss.f90) = (sums.f0 * share, sums.f90 * share);
         }
     }

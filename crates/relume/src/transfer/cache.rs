@@ -22,6 +22,7 @@ use xxhash_rust::xxh3::xxh3_64;
 
 use super::haar_rows::HaarRows;
 use super::low_rank::LowRank;
+use super::packed_runs::PackedRuns;
 use super::{Buffer, Encoding, Matrix, Occluders, Operator, Report, Timings, Transfer};
 use crate::sample::{Emitted, GatherCloud, Receivers, SUB_SAMPLES, ViewSample, ViewSamples};
 use crate::scene::Wrap;
@@ -30,7 +31,7 @@ use crate::{Error, Result, atomic_write};
 
 /// Version of the file format. A file of another version is refused: preparing again takes minutes, guessing at old
 /// files costs trust.
-pub const FORMAT_VERSION: u32 = 5;
+pub const FORMAT_VERSION: u32 = 6;
 
 const KEY: &str = "relume";
 
@@ -92,10 +93,13 @@ impl<'a> Tensors<'a> {
         match &operator.matrix {
             Matrix::LowRank(matrix) => {
                 self.add(&part("shapes"), Dtype::U32, &[3], &matrix.shapes);
-                self.add(&part("steps"), Dtype::U16, &[], &matrix.steps);
-                self.add(&part("v"), Dtype::I8, &[], &matrix.v);
+                self.add(&part("places"), Dtype::U16, &[], &matrix.places);
+                self.add(&part("high"), Dtype::U8, &[], &matrix.high);
+                self.add(&part("v_widths"), Dtype::U8, &[], &matrix.v.widths);
+                self.add(&part("v"), Dtype::U8, &[], &matrix.v.bytes);
                 self.add(&part("v_scales"), Dtype::F32, &[], &matrix.v_scales);
-                self.add(&part("u"), Dtype::I8, &[], &matrix.u);
+                self.add(&part("u_widths"), Dtype::U8, &[], &matrix.u.widths);
+                self.add(&part("u"), Dtype::U8, &[], &matrix.u.bytes);
                 self.add(&part("u_scales"), Dtype::F32, &[], &matrix.u_scales);
             }
             Matrix::HaarRows(matrix) => {
@@ -303,6 +307,12 @@ impl<'a> Opened<'a> {
         place.and_then(|&place| Buffer::from_map(&self.map, place)).ok_or_else(|| self.refuse(name))
     }
 
+    /// A part of an operator that is packed.
+    fn runs(&self, operator: &str, part: &str) -> Result<PackedRuns> {
+        let widths = self.buffer(&format!("{operator}.{part}_widths"))?;
+        Ok(PackedRuns { widths, bytes: self.buffer(&format!("{operator}.{part}"))? })
+    }
+
     fn values<T: Pod>(&self, name: &str) -> Result<Vec<T>> {
         Ok(self.buffer(name)?.to_vec())
     }
@@ -312,10 +322,11 @@ impl<'a> Opened<'a> {
         let matrix = match header.encoding {
             Encoding::LowRank => Matrix::LowRank(LowRank {
                 shapes: self.buffer(&part("shapes"))?,
-                steps: self.buffer(&part("steps"))?,
-                v: self.buffer(&part("v"))?,
+                places: self.buffer(&part("places"))?,
+                high: self.buffer(&part("high"))?,
+                v: self.runs(name, "v")?,
                 v_scales: self.buffer(&part("v_scales"))?,
-                u: self.buffer(&part("u"))?,
+                u: self.runs(name, "u")?,
                 u_scales: self.buffer(&part("u_scales"))?,
             }),
             Encoding::HaarRows => Matrix::HaarRows(HaarRows {

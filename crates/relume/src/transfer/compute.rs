@@ -266,7 +266,7 @@ fn assemble(blocks: Vec<EncodedBlock>, encoder: Encoder<'_>, rows: usize, count:
     let expected_error = relative_error(&energy, &lost);
     let (matrix, weights) = match encoder {
         Encoder::LowRank { prior, .. } => (
-            Matrix::LowRank(LowRank::from_blocks(low_rank)),
+            Matrix::LowRank(LowRank::from_blocks(&low_rank, count)),
             prior.magnitudes.iter().map(|magnitude| 1.0 / magnitude).collect::<Vec<_>>(),
         ),
         Encoder::HaarRows { per_row } => {

@@ -1,16 +1,16 @@
 //! `low-rank`, the default encoding: each block of rows shares one fine basis.
 //!
 //! `F_b ~= U_b V_b D^-1 W`: `W` the Haar transform, `D` the expected magnitude of light's coefficients, `V_b` the block's
-//! strongest directions in that weighted space cut to its most important coefficients, `U_b` the weights of each row. `V` is
-//! companded to 8 bits (`q |q| scale`, a scale a direction), `U` linear in 8 bits (a scale a column). This is clustered
+//! strongest directions in that weighted space cut to its most important coefficients, `U_b` the weights of each row. Both are
+//! quantised in equal steps of what they do to a row, in as few bits as that takes (`packed_runs.rs`). This is clustered
 //! principal component analysis (Huang and Ramamoorthi 2010) in the wavelet basis of Hasan 2006. How it is found is in
 //! `low_rank_encoder.rs`; here it is kept and applied.
 
 use glam::Vec3;
-use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::low_rank_encoder::Encoded;
+use super::packed_runs::{PackedRuns, RUN, Runs, runs_of};
 use super::{Buffer, Coefficients};
 
 /// How finely blocks are encoded.
@@ -42,72 +42,86 @@ pub struct BlockShape {
 pub struct LowRank {
     /// One a block.
     pub shapes: Buffer<BlockShape>,
-    /// Kept coefficients of all blocks, ascending within a block, each as its distance from the one before.
-    pub steps: Buffer<u16>,
-    /// For each block, direction after direction.
-    pub v: Buffer<i8>,
+    /// Kept coefficients of all blocks, the most important first: the low 16 bits of their numbers.
+    pub places: Buffer<u16>,
+    /// High bits of `places`; empty where 16 bits are enough.
+    pub high: Buffer<u8>,
+    /// For each block, direction after direction: a value a kept coefficient.
+    pub v: PackedRuns,
     /// One a direction.
     pub v_scales: Buffer<f32>,
-    /// For each block, column after column of one weight a row.
-    pub u: Buffer<i8>,
+    /// For each block, column after column: a weight a row.
+    pub u: PackedRuns,
     /// One a column.
     pub u_scales: Buffer<f32>,
 }
 
+/// All of one part, block after block.
+fn joined<T: bytemuck::Pod>(blocks: &[Encoded], part: impl Fn(&Encoded) -> &[T]) -> Buffer<T> {
+    blocks.iter().flat_map(|block| part(block).iter().copied()).collect::<Vec<_>>().into()
+}
+
 impl LowRank {
-    pub(super) fn from_blocks(blocks: Vec<Encoded>) -> Self {
-        let shapes: Vec<BlockShape> = blocks.iter().map(|block| block.shape).collect();
+    /// Puts blocks together, of light on `count` gather samples.
+    pub(super) fn from_blocks(blocks: &[Encoded], count: usize) -> Self {
+        let places = |of: fn(u32) -> u16| blocks.iter().flat_map(|b| &b.places).map(move |&place| of(place));
+        let high = if count > 1 << 16 {
+            blocks.iter().flat_map(|block| &block.places).map(|place| (place >> 16) as u8).collect()
+        } else {
+            Vec::new()
+        };
         Self {
-            shapes: shapes.into(),
-            steps: blocks.iter().flat_map(|b| b.steps.iter().copied()).collect::<Vec<_>>().into(),
-            v: blocks.iter().flat_map(|b| b.v.iter().copied()).collect::<Vec<_>>().into(),
-            v_scales: blocks.iter().flat_map(|b| b.v_scales.iter().copied()).collect::<Vec<_>>().into(),
-            u: blocks.iter().flat_map(|b| b.u.iter().copied()).collect::<Vec<_>>().into(),
-            u_scales: blocks.iter().flat_map(|b| b.u_scales.iter().copied()).collect::<Vec<_>>().into(),
+            shapes: blocks.iter().map(|block| block.shape).collect::<Vec<_>>().into(),
+            places: places(|place| place as u16).collect::<Vec<_>>().into(),
+            high: high.into(),
+            v: PackedRuns { widths: joined(blocks, |b| &b.v.widths), bytes: joined(blocks, |b| &b.v.bytes) },
+            v_scales: joined(blocks, |b| &b.v_scales),
+            u: PackedRuns { widths: joined(blocks, |b| &b.u.widths), bytes: joined(blocks, |b| &b.u.bytes) },
+            u_scales: joined(blocks, |b| &b.u_scales),
         }
     }
 
     /// Bytes of all arrays.
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.shapes)
-            + size_of_val(&*self.steps)
-            + self.v.len()
+            + size_of_val(&*self.places)
+            + self.high.len()
+            + self.v.bytes()
             + size_of_val(&*self.v_scales)
-            + self.u.len()
+            + self.u.bytes()
             + size_of_val(&*self.u_scales)
     }
 
     /// Whether all parts have the lengths that the shapes ask for, and no coefficient lies past `count`.
     pub(super) fn is_sound(&self, rows: usize, count: usize) -> bool {
-        let sum = |of: fn(&BlockShape) -> u64| self.shapes.iter().map(of).sum::<u64>();
-        let in_range = |steps: &[u16]| {
-            steps.iter().map(|&step| u64::from(step)).sum::<u64>() < count as u64 || steps.is_empty()
+        let sum = |of: fn(&BlockShape) -> u64| {
+            self.shapes.iter().try_fold(0_u64, |sum, shape| sum.checked_add(of(shape)))
         };
-        sum(|s| u64::from(s.rows)) == rows as u64
-            && sum(|s| u64::from(s.kept)) == self.steps.len() as u64
-            && sum(|s| u64::from(s.rank) * u64::from(s.kept)) == self.v.len() as u64
-            && sum(|s| u64::from(s.rank) * u64::from(s.rows)) == self.u.len() as u64
-            && sum(|s| u64::from(s.rank)) == self.v_scales.len() as u64
+        let is = |sum: Option<u64>, length: usize| sum == Some(length as u64);
+        is(sum(|s| u64::from(s.rows)), rows)
+            && is(sum(|s| u64::from(s.kept)), self.places.len())
+            && (self.high.is_empty() || self.high.len() == self.places.len())
+            && is(sum(|s| u64::from(s.rank).saturating_mul(runs_of(s.kept as usize) as u64)), self.v.widths.len())
+            && is(sum(|s| u64::from(s.rank).saturating_mul(runs_of(s.rows as usize) as u64)), self.u.widths.len())
+            && is(sum(|s| u64::from(s.rank)), self.v_scales.len())
             && self.v_scales.len() == self.u_scales.len()
-            && self.steps_of_blocks().all(in_range)
+            && self.v.is_sound()
+            && self.u.is_sound()
+            && (0..self.places.len()).all(|at| self.place(at) < count)
     }
 
-    fn steps_of_blocks(&self) -> impl Iterator<Item = &[u16]> {
-        let mut rest = &self.steps[..];
-        self.shapes.iter().map(move |shape| {
-            let (steps, after) = rest.split_at(shape.kept as usize);
-            rest = after;
-            steps
-        })
+    fn place(&self, at: usize) -> usize {
+        let high = self.high.get(at).copied().unwrap_or(0);
+        usize::from(self.places[at]) | usize::from(high) << 16
     }
 
     /// `out = F g`, for all rows in block order, from the weighted coefficients `D^-1 W g`.
     pub(super) fn apply(&self, coefficients: &Coefficients, out: &mut [Vec3]) {
-        self.parts(out).into_par_iter().for_each(|part| part.apply(coefficients));
+        self.parts(out).into_par_iter().for_each(|part| part.apply(self, coefficients));
     }
 
     fn parts<'a>(&'a self, mut out: &'a mut [Vec3]) -> Vec<Part<'a>> {
-        let (mut steps, mut v, mut u) = (&self.steps[..], &self.v[..], &self.u[..]);
+        let (mut v, mut u, mut first) = (self.v.runs(), self.u.runs(), 0);
         let (mut v_scales, mut u_scales) = (&self.v_scales[..], &self.u_scales[..]);
         let mut parts = Vec::with_capacity(self.shapes.len());
         for shape in self.shapes.iter() {
@@ -115,13 +129,14 @@ impl LowRank {
             let (head, tail) = out.split_at_mut(rows);
             out = tail;
             parts.push(Part {
-                steps: take(&mut steps, kept),
-                v: take(&mut v, kept * rank),
+                kept: first..first + kept,
+                v: v.take(rank * runs_of(kept)),
                 v_scales: take(&mut v_scales, rank),
-                u: take(&mut u, rows * rank),
+                u: u.take(rank * runs_of(rows)),
                 u_scales: take(&mut u_scales, rank),
                 out: head,
             });
+            first += kept;
         }
         parts
     }
@@ -135,75 +150,34 @@ fn take<'a, T>(slice: &mut &'a [T], count: usize) -> &'a [T] {
 
 /// One block's arrays and where its rows go.
 struct Part<'a> {
-    steps: &'a [u16],
-    v: &'a [i8],
+    /// Which of the operator's places are the block's.
+    kept: std::ops::Range<usize>,
+    v: Runs<'a>,
     v_scales: &'a [f32],
-    u: &'a [i8],
+    u: Runs<'a>,
     u_scales: &'a [f32],
     out: &'a mut [Vec3],
 }
 
 impl Part<'_> {
-    fn apply(self, coefficients: &Coefficients) {
-        let kept = self.steps.len();
-        let mut gathered = vec![0.0; 3 * kept];
-        let (red, rest) = gathered.split_at_mut(kept);
-        let (green, blue) = rest.split_at_mut(kept);
-        let mut index = 0;
-        for (place, &step) in self.steps.iter().enumerate() {
-            index += usize::from(step);
-            let [r, g, b] = coefficients.at(index);
-            (red[place], green[place], blue[place]) = (r, g, b);
+    fn apply(mut self, matrix: &LowRank, coefficients: &Coefficients) {
+        let runs = runs_of(self.kept.len());
+        let mut gathered = vec![0.0; 3 * runs * RUN];
+        let (red, rest) = gathered.split_at_mut(runs * RUN);
+        let (green, blue) = rest.split_at_mut(runs * RUN);
+        for (at, place) in self.kept.clone().enumerate() {
+            [red[at], green[at], blue[at]] = coefficients.at(matrix.place(place));
         }
-        let mut sums = vec![0.0; 3 * self.out.len()];
-        for (direction, (&v_scale, &u_scale)) in self.v_scales.iter().zip(self.u_scales).enumerate() {
-            let v = &self.v[direction * kept..(direction + 1) * kept];
-            let y = dot_companded(v, red, green, blue).map(|y| y * v_scale * u_scale);
-            let u = &self.u[direction * self.out.len()..(direction + 1) * self.out.len()];
-            add_weighted(&mut sums, u, y);
+        let rows = runs_of(self.out.len());
+        let mut sums = vec![0.0; 3 * rows * RUN];
+        let (red_sums, rest) = sums.split_at_mut(rows * RUN);
+        let (green_sums, blue_sums) = rest.split_at_mut(rows * RUN);
+        for (&v_scale, &u_scale) in self.v_scales.iter().zip(self.u_scales) {
+            let y = self.v.take(runs).dot([red, green, blue]).map(|y| y * v_scale * u_scale);
+            self.u.take(rows).add_weighted(y, [red_sums, green_sums, blue_sums]);
         }
-        let rows = self.out.len();
         for (row, out) in self.out.iter_mut().enumerate() {
-            *out = Vec3::new(sums[row], sums[rows + row], sums[2 * rows + row]);
-        }
-    }
-}
-
-/// `sum q |q| x` for three vectors `x`.
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn dot_companded(v: &[i8], red: &[f32], green: &[f32], blue: &[f32]) -> [f32; 3] {
-    const LANES: usize = 16;
-    let mut sums = [[0.0_f32; LANES]; 3];
-    let whole = v.len() / LANES * LANES;
-    for start in (0..whole).step_by(LANES) {
-        let (v, r) = (&v[start..start + LANES], &red[start..start + LANES]);
-        let (g, b) = (&green[start..start + LANES], &blue[start..start + LANES]);
-        for lane in 0..LANES {
-            let q = f32::from(v[lane]);
-            let weight = q * q.abs();
-            sums[0][lane] += weight * r[lane];
-            sums[1][lane] += weight * g[lane];
-            sums[2][lane] += weight * b[lane];
-        }
-    }
-    let mut totals = sums.map(|lanes| lanes.iter().sum::<f32>());
-    for place in whole..v.len() {
-        let q = f32::from(v[place]);
-        let weight = q * q.abs();
-        totals[0] += weight * red[place];
-        totals[1] += weight * green[place];
-        totals[2] += weight * blue[place];
-    }
-    totals
-}
-
-/// Adds `u * y` to three planes of sums.
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn add_weighted(sums: &mut [f32], u: &[i8], y: [f32; 3]) {
-    let rows = u.len();
-    for (plane, y) in sums.chunks_exact_mut(rows).zip(y) {
-        for (sum, &weight) in plane.iter_mut().zip(u) {
-            *sum += f32::from(weight) * y;
+            *out = Vec3::new(red_sums[row], green_sums[row], blue_sums[row]);
         }
     }
 }

@@ -18,6 +18,7 @@ use nalgebra::{DMatrix, SymmetricEigen};
 
 use super::gemm::{View, product};
 use super::low_rank::{BlockShape, LowRankSettings};
+use super::packed_runs::RunWriter;
 use super::prior::LightPrior;
 
 /// `a`: how far the training lights are trusted about what goes together.
@@ -29,16 +30,24 @@ const CANDIDATES: f64 = 1.5;
 /// Training lights from whose responses the search starts, at most.
 const STARTING_LIGHTS: usize = 128;
 /// Bytes of a kept coefficient that no direction pays for: its place.
-const PLACE_BYTES: usize = 2;
+const PLACE_BYTES: f64 = 2.0;
+/// Bytes of a weight of the weakest direction that is kept, and of one of its coefficients: half a byte and two bits, about.
+const WEAKEST: (f64, f64) = (0.5, 0.25);
+/// Steps of quantisation, in units of the root of the price of a byte. At 1 the last bit of a value is worth what an eighth of a byte must
+/// bring (a step `s` loses `s^2 / 12`, and one more bit saves three quarters of that); larger saves bytes elsewhere too: whole coefficients.
+const STEP: f64 = 1.0;
+/// Values up to this part of a step from zero are none: a zero costs less than it loses.
+const DEAD_ZONE: f32 = 0.58;
 
 /// One encoded block, and how well it fits.
 #[derive(Clone, Debug)]
 pub(super) struct Encoded {
     pub(super) shape: BlockShape,
-    pub(super) steps: Vec<u16>,
-    pub(super) v: Vec<i8>,
+    /// Numbers of the kept coefficients, the most important first.
+    pub(super) places: Vec<u32>,
+    pub(super) v: RunWriter,
     pub(super) v_scales: Vec<f32>,
-    pub(super) u: Vec<i8>,
+    pub(super) u: RunWriter,
     pub(super) u_scales: Vec<f32>,
     /// For each light that nothing was learned from: the squared norm of what it sends to the rows.
     pub(super) energy: Vec<f64>,
@@ -60,18 +69,17 @@ pub(super) fn encode(x: &[f32], rows: usize, settings: &LowRankSettings, prior: 
     };
     let responses = block.responses();
     let (basis, rank, places) = block.chosen(&responses, settings);
-    let (places, steps) = with_short_steps(&candidates, &places);
     let kept = Kept::new(&block, &places);
     let basis = View::new(&basis, rank, rows);
     let directions = product(basis, View::new(&kept.x, rows, kept.count));
     let whole = kept.with_dropped_light(&directions, rank, &product(basis, block.view(&responses)));
-    let (v, v_scales) = compand(&whole, kept.count);
-    let expanded = expand(&v, &v_scales, kept.count);
-    let (u, u_scales, weights) = kept.fit(&responses, &expanded, rank, rows).quantised();
-    let of_places = places.iter().map(|place| place.map_or(u32::MAX, |p| candidates[p as usize]));
-    let held = rows_of(&prior.held, prior.held_lights, of_places);
+    let step = (STEP * f64::from(settings.price).sqrt()) as f32;
+    let v = Quantised::of_directions(&whole, kept.count, step);
+    let (u, weights) = kept.fit(&responses, &v.values, rank, rows).quantised(f64::from(step));
+    let places: Vec<u32> = places.iter().map(|&place| candidates[place as usize]).collect();
+    let held = rows_of(&prior.held, prior.held_lights, places.iter().copied());
     let sent =
-        product(View::new(&expanded, rank, kept.count), View::new(&held, kept.count, prior.held_lights));
+        product(View::new(&v.values, rank, kept.count), View::new(&held, kept.count, prior.held_lights));
     let told = product(View::new(&weights, rows, rank), View::new(&sent, rank, prior.held_lights));
     let truth = product(View::new(x, rows, count), View::new(&prior.held, count, prior.held_lights));
     let missed: Vec<f32> = truth.iter().zip(&told).map(|(truth, told)| truth - told).collect();
@@ -80,31 +88,28 @@ pub(super) fn encode(x: &[f32], rows: usize, settings: &LowRankSettings, prior: 
         energies.into_iter().map(f64::from).collect()
     });
     let shape = BlockShape { rows: rows as u32, rank: rank as u32, kept: kept.count as u32 };
-    Encoded { shape, steps, v, v_scales, u, u_scales, energy, lost }
+    Encoded { shape, places, v: v.runs, v_scales: v.scales, u: u.runs, u_scales: u.scales, energy, lost }
 }
 
 /// `rows` rows of zeros.
 pub(super) fn nothing(rows: usize, prior: &LightPrior) -> Encoded {
     Encoded {
         shape: BlockShape { rows: rows as u32, rank: 0, kept: 0 },
-        steps: Vec::new(),
-        v: Vec::new(),
+        places: Vec::new(),
+        v: RunWriter::default(),
         v_scales: Vec::new(),
-        u: Vec::new(),
+        u: RunWriter::default(),
         u_scales: Vec::new(),
         energy: vec![0.0; prior.held_lights],
         lost: vec![0.0; prior.held_lights],
     }
 }
 
-/// The rows `which` of a matrix of `columns` columns; zeros for `u32::MAX`.
+/// The rows `which` of a matrix of `columns` columns.
 fn rows_of(values: &[f32], columns: usize, which: impl Iterator<Item = u32>) -> Vec<f32> {
     let mut picked = Vec::new();
     for row in which {
-        match values.get(row as usize * columns..(row as usize + 1) * columns) {
-            Some(row) => picked.extend_from_slice(row),
-            None => picked.extend(std::iter::repeat_n(0.0, columns)),
-        }
+        picked.extend_from_slice(&values[row as usize * columns..(row as usize + 1) * columns]);
     }
     picked
 }
@@ -133,8 +138,10 @@ impl Block {
     /// The left singular vectors of the directions to keep, how many, and which of the coefficients.
     fn chosen(&self, responses: &[f32], settings: &LowRankSettings) -> (Vec<f32>, usize, Vec<u32>) {
         let price = f64::from(settings.price);
-        let worth =
-            |gains: &[f64], cost: usize| gains.iter().take_while(|&&gain| gain > price * cost as f64).count();
+        let worth = |gains: &[f64], kept: usize| {
+            let cost = WEAKEST.0 * self.rows as f64 + WEAKEST.1 * kept as f64;
+            gains.iter().take_while(|&&gain| gain > price * cost).count()
+        };
         let (basis, gains) = self.strongest_directions(responses, settings.rank, price);
         let known = gains.len();
         let directions =
@@ -142,13 +149,14 @@ impl Block {
         let places = |rank: usize| {
             let importance = column_energies(&directions[..rank * self.width], self.width);
             let mut places = strongest(&importance, settings.kept.min(self.width));
-            let cost = price * (rank + PLACE_BYTES) as f64;
+            let cost = price * (WEAKEST.1 * rank as f64 + PLACE_BYTES);
             places.retain(|&place| f64::from(importance[place as usize]) > cost);
+            places.sort_by(|&a, &b| importance[b as usize].total_cmp(&importance[a as usize]).then(a.cmp(&b)));
             places
         };
         // what a direction costs depends on how many coefficients are kept, and these on how many directions
-        let kept = places(worth(&gains, self.rows)).len();
-        let rank = worth(&gains, self.rows + kept);
+        let kept = places(worth(&gains, 0)).len();
+        let rank = worth(&gains, kept);
         let places = places(rank);
         // directions without coefficients say nothing
         let rank = if places.is_empty() { 0 } else { rank };
@@ -166,7 +174,7 @@ impl Block {
             expected.extend(responses.iter().map(|value| value * together));
         }
         let expected = View::new(&expected, rows, columns);
-        let least = price * rows as f64;
+        let least = price * WEAKEST.0 * rows as f64;
         let start = Start::new(responses, self.lights);
         let widest = (most + OVERSAMPLING).min(rows);
         let mut width = (3 * start.worth(least) / 2 + OVERSAMPLING).min(widest);
@@ -262,18 +270,12 @@ struct Kept {
 }
 
 impl Kept {
-    /// `places` are columns of the block, or fillers of zeros.
-    fn new(block: &Block, places: &[Option<u32>]) -> Self {
+    /// `places` are columns of the block.
+    fn new(block: &Block, places: &[u32]) -> Self {
         let rows = block.x.chunks_exact(block.width.max(1));
         Self {
-            x: rows
-                .flat_map(|row| places.iter().map(|place| place.map_or(0.0, |p| row[p as usize])))
-                .collect(),
-            learned: rows_of(
-                &block.learned,
-                block.lights,
-                places.iter().map(|place| place.unwrap_or(u32::MAX)),
-            ),
+            x: rows.flat_map(|row| places.iter().map(|&place| row[place as usize])).collect(),
+            learned: rows_of(&block.learned, block.lights, places.iter().copied()),
             count: places.len(),
             lights: block.lights,
         }
@@ -380,42 +382,45 @@ fn orthonormalised(values: &[f32], rows: usize, width: usize) -> Vec<f32> {
     (0..rows * width).map(|k| matrix[(k / width, k % width)] as f32).collect()
 }
 
-/// The kept coefficients as distances that fit 16 bits. A longer distance is walked by fillers (`None`), whose `V` is
-/// zero; the first distance is from coefficient 0.
-fn with_short_steps(candidates: &[u32], places: &[u32]) -> (Vec<Option<u32>>, Vec<u16>) {
-    let (mut slots, mut steps, mut last) = (Vec::new(), Vec::new(), 0);
-    for &place in places {
-        let mut distance = candidates[place as usize] - last;
-        while distance > u32::from(u16::MAX) {
-            slots.push(None);
-            steps.push(u16::MAX);
-            distance -= u32::from(u16::MAX);
+/// Rows of values in equal steps, and the values that these stand for.
+struct Quantised {
+    runs: RunWriter,
+    /// The step of each row.
+    scales: Vec<f32>,
+    /// Row after row.
+    values: Vec<f32>,
+}
+
+impl Quantised {
+    /// `V`, a direction a row.
+    fn of_directions(v: &[f32], count: usize, step: f32) -> Self {
+        let mut quantised = Self::of(0);
+        for direction in v.chunks_exact(count.max(1)) {
+            quantised.add(direction, step, i16::MAX, DEAD_ZONE);
         }
-        slots.push(Some(place));
-        steps.push(distance as u16);
-        last = candidates[place as usize];
+        quantised
     }
-    (slots, steps)
-}
 
-/// 8-bit companding, a scale a direction: `v = q |q| scale`.
-fn compand(v: &[f32], count: usize) -> (Vec<i8>, Vec<f32>) {
-    let (mut bytes, mut scales) = (Vec::with_capacity(v.len()), Vec::new());
-    for direction in v.chunks_exact(count.max(1)) {
-        let largest = direction.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
-        let scale = largest / (127.0 * 127.0);
-        let inverse = if scale > 0.0 { 1.0 / scale } else { 0.0 };
-        bytes.extend(direction.iter().map(|v| ((v.abs() * inverse).sqrt().round().copysign(*v)) as i8));
-        scales.push(scale);
+    fn of(capacity: usize) -> Self {
+        Self { runs: RunWriter::default(), scales: Vec::new(), values: Vec::with_capacity(capacity) }
     }
-    (bytes, scales)
-}
 
-fn expand(v: &[i8], scales: &[f32], count: usize) -> Vec<f32> {
-    let decode = |(direction, &scale): (&[i8], &f32)| {
-        direction.iter().map(|&q| f32::from(q) * f32::from(q).abs() * scale).collect::<Vec<_>>()
-    };
-    v.chunks_exact(count.max(1)).zip(scales).flat_map(decode).collect()
+    /// Adds a row in steps of `step`, or larger ones if it takes more than `most` of these. Values that are less than `dead_zone` steps
+    /// become zero.
+    fn add(&mut self, row: &[f32], step: f32, most: i16, dead_zone: f32) {
+        let largest = row.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
+        let step = step.max(largest / f32::from(most));
+        let inverse = if step > 0.0 { 1.0 / step } else { 0.0 };
+        let round = |value: &f32| {
+            let steps = value.abs() * inverse;
+            let whole = if steps < dead_zone { 0.0 } else { steps.round().min(f32::from(most)) };
+            whole.copysign(*value) as i16
+        };
+        let steps: Vec<i16> = row.iter().map(round).collect();
+        self.runs.add(&steps);
+        self.scales.push(step);
+        self.values.extend(steps.iter().map(|&q| f32::from(q) * step));
+    }
 }
 
 /// The weights of each row on the directions as they were quantised: those of the least expected error.
@@ -429,8 +434,9 @@ struct Fit {
 }
 
 impl Fit {
-    /// The weights in 8 bits, column after column, their scales, and the weights that these stand for, row after row.
-    fn quantised(&self) -> (Vec<i8>, Vec<f32>, Vec<f32>) {
+    /// The weights, a column a row of what is returned, in steps that change a row's light by `step` in the mean; and the weights that
+    /// these stand for, row after row.
+    fn quantised(&self, step: f64) -> (Quantised, Vec<f32>) {
         // products in single precision may leave a singular matrix slightly indefinite: then the ridge is raised
         let factor = (-7..0).find_map(|power| {
             let ridge = 10.0_f64.powi(power) * self.square.trace() + 1e-300;
@@ -438,18 +444,15 @@ impl Fit {
         });
         let solved = factor.map(|factor| factor.solve(&self.cross.transpose()).transpose());
         let weights = solved.unwrap_or_else(|| DMatrix::zeros(self.rows, self.rank));
-        let (mut bytes, mut scales) = (Vec::with_capacity(self.rows * self.rank), Vec::new());
-        let mut coarse = vec![0.0; self.rows * self.rank];
+        let mut quantised = Quantised::of(self.rows * self.rank);
         for column in 0..self.rank {
-            let scale = weights.column(column).amax() / 127.0;
-            for row in 0..self.rows {
-                let q = if scale > 0.0 { (weights[(row, column)] / scale).round() } else { 0.0 };
-                bytes.push(q as i8);
-                coarse[row * self.rank + column] = (q * scale) as f32;
-            }
-            scales.push(scale as f32);
+            let brings = self.square[(column, column)].sqrt().max(1e-30);
+            let weights: Vec<f32> = weights.column(column).iter().map(|&weight| weight as f32).collect();
+            quantised.add(&weights, (step / brings) as f32, i16::from(i8::MAX), 0.5);
         }
-        (bytes, scales, coarse)
+        let turned = |k: usize| quantised.values[k % self.rank * self.rows + k / self.rank];
+        let coarse = (0..self.rows * self.rank).map(turned).collect();
+        (quantised, coarse)
     }
 }
 

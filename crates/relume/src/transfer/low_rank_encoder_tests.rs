@@ -79,7 +79,7 @@ fn the_loss_that_is_told_is_that_of_applying_the_block() {
     let settings = LowRankSettings { rank: 12, kept: 40, ..ALL };
     let (encoded, _) = encoded(&prior(&lamps(0, LIGHTS as u32)), &settings);
     let (energy, lost) = (encoded.energy.clone(), encoded.lost.clone());
-    let matrix = LowRank::from_blocks(vec![encoded]);
+    let matrix = LowRank::from_blocks(&[encoded], COUNT);
     for (light, lamp) in held().iter().enumerate() {
         let grey: Vec<Vec3> = lamp.iter().map(|&v| Vec3::splat(v)).collect();
         let mut out = vec![Vec3::ZERO; ROWS];
@@ -124,7 +124,7 @@ fn a_block_that_sees_nothing_costs_nothing() {
     assert_eq!((encoded.shape.rank, encoded.shape.kept), (0, 0));
     assert!(encoded.lost.iter().all(|&lost| lost == 0.0));
     let mut out = vec![Vec3::ONE; ROWS];
-    LowRank::from_blocks(vec![encoded]).apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[]), &mut out);
+    LowRank::from_blocks(&[encoded], COUNT).apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[]), &mut out);
     assert!(out.iter().all(|&rgb| rgb == Vec3::ZERO));
 }
 
@@ -153,7 +153,7 @@ fn directions_without_coefficients_are_dropped() {
         let encoded = encode(&row, 1, &LowRankSettings { rank: 4, kept: COUNT, price }, &prior);
         let BlockShape { rank, kept, .. } = encoded.shape;
         assert_eq!(rank == 0, kept == 0, "price {price}: {rank} directions of {kept} coefficients");
-        let matrix = LowRank::from_blocks(vec![encoded]);
+        let matrix = LowRank::from_blocks(&[encoded], COUNT);
         assert!(matrix.is_sound(1, COUNT), "price {price}");
         matrix.apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[]), &mut [Vec3::ZERO]);
     }

@@ -20,6 +20,7 @@ pub mod low_rank;
 mod low_rank_encoder;
 mod occluders;
 mod operator;
+mod packed_runs;
 mod paper_rows;
 mod preparation;
 mod prior;

@@ -117,22 +117,22 @@ impl Quality {
             Self::Draft => Effort {
                 gather_rows: rows(16, 512, 4e-3, (0.1, 0.25)),
                 bounce_rows: rows(16, 256, 1e-2, (0.4, 0.4)),
-                gather_encoding: low_rank(64, 4096, 2e-6),
-                bounce_encoding: low_rank(64, 4096, 2e-6),
+                gather_encoding: low_rank(96, 3072, 1.5e-5),
+                bounce_encoding: low_rank(96, 3072, 1.5e-5),
                 training_lights: 128,
             },
             Self::Standard => Effort {
                 gather_rows: rows(64, 768, 2e-3, (0.04, 0.09)),
                 bounce_rows: rows(32, 512, 4e-3, (0.25, 0.4)),
-                gather_encoding: low_rank(112, 8192, 1.5e-7),
-                bounce_encoding: low_rank(112, 8192, 1.5e-7),
+                gather_encoding: low_rank(256, 6144, 3e-6),
+                bounce_encoding: low_rank(256, 6144, 3e-6),
                 training_lights: 384,
             },
             Self::Final => Effort {
                 gather_rows: rows(128, 2048, 4e-4, (0.025, 0.06)),
                 bounce_rows: rows(64, 1024, 1e-3, (0.15, 0.3)),
-                gather_encoding: low_rank(160, 16_384, 4e-8),
-                bounce_encoding: low_rank(160, 16_384, 4e-8),
+                gather_encoding: low_rank(512, 12_288, 6e-7),
+                bounce_encoding: low_rank(512, 12_288, 6e-7),
                 training_lights: 576,
             },
         }

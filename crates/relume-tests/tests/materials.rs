@@ -292,7 +292,7 @@ fn a_loaded_cache_is_edited_alike_and_one_with_materials_that_are_not_there_is_r
     }
 }
 
-/// The demo's arcade with red plaster: what is not plaster takes its colour on. Its rig is the one that the help shows.
+/// The demo's arcade in red stone: what is not stone takes its colour on. Its rig is the one that the help shows.
 #[test]
 fn the_repainted_arcade_agrees_with_the_path_tracer() {
     let assets = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets");
@@ -302,7 +302,7 @@ fn the_repainted_arcade_agrees_with_the_path_tracer() {
     let built = TestScene { scene, geometry, accel };
     let painted = relume_io::load_rig(format!("{assets}/rigs/arcade_repainted.toml")).unwrap();
     let plain = LightRig { materials: Vec::new(), ..painted.clone() };
-    let size = (160, 120);
+    let size = (120, 90);
     let settings = Settings { size, gather: 4096, ..Settings::default() };
     let transfer = Arc::new(prepare(&built, settings));
     let relight = RelightSettings { bounces: Some(2), aa: 1, ..RelightSettings::default() };
@@ -327,7 +327,8 @@ fn the_repainted_arcade_agrees_with_the_path_tracer() {
     assert!(right < ARCADE && wrong > 1.5 * ARCADE, "{right} {wrong}");
 }
 
-const ARCADE: f64 = 0.2;
+/// Measured 0.136 with edits and 0.126 without, at so few samples; 0.397 where edits are left out.
+const ARCADE: f64 = 0.17;
 
 #[test]
 fn a_black_material_without_texture_can_be_made_white() {

@@ -60,7 +60,7 @@ pub struct FrameStats {
     /// The whole frame.
     pub frame_ms: f64,
     /// The cloud's albedo and how fast light fades, where the rig edits base colours otherwise than in the frame before; else 0.
-    /// The latter is most of it, and as much as some three to ten steps of bounces.
+    /// The latter is most of it: some twenty to forty steps of bounces, as much as those of two to four lights.
     pub edits_ms: f64,
     /// Direct light on the view samples.
     pub direct_ms: f64,

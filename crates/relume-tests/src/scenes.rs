@@ -41,6 +41,7 @@ pub fn rig(lights: impl IntoIterator<Item = LightKind>) -> LightRig {
         exposure: 0.0,
         lights: lights.map(|(i, kind)| Light { name: format!("light {i}"), enabled: true, kind }).collect(),
         emitters: Vec::new(),
+        materials: Vec::new(),
     }
 }
 

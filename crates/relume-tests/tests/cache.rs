@@ -219,7 +219,10 @@ fn emission_that_cannot_be_is_refused() {
         &|t| t.cloud.emitted[0].radiance.x = f32::NAN,
         &|t| t.cloud.emitted[0].radiance.x = -1.0,
         &|t| t.cloud.emitted.insert(0, first),
-        &|t| t.report.materials.truncate(1),
+        &|t| {
+            t.report.materials.truncate(1);
+            t.report.base_colors.truncate(1);
+        },
     ];
     for change in changes {
         let mut altered = transfer.clone();

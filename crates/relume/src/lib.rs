@@ -68,5 +68,5 @@ pub use error::{Error, Result};
 pub use glam;
 pub use progress::Progress;
 pub use relight::Relighter;
-pub use scene::{Camera, Emitter, Light, LightKind, LightRig, Scene};
+pub use scene::{Camera, Emitter, Light, LightKind, LightRig, MaterialEdit, Scene};
 pub use transfer::{Preparation, Transfer};

@@ -7,7 +7,7 @@ use clap::Args;
 use relume::glam::Vec3;
 use relume::relight::{FrameStats, RelightSettings};
 use relume::{Error, Light, LightKind, LightRig, Relighter, Result, Transfer};
-use relume_io::{check_emitters, load_rig};
+use relume_io::{check_materials, load_rig};
 use serde::Serialize;
 
 use crate::arguments::{Threads, antialiasing};
@@ -23,7 +23,7 @@ use crate::report::{Table, bytes, count, plural};
 pub(crate) struct Arguments {
     /// The cache that `relume prepare` wrote.
     cache: PathBuf,
-    /// The lights, and how emissive materials shine.
+    /// The lights, how emissive materials shine, and base colours in place of the scene's (for diffuse reflection).
     #[arg(long, value_name = "RIG.toml")]
     rig: PathBuf,
     /// Frames to measure.
@@ -95,7 +95,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     arguments.threads.start()?;
     let mut relighter = console.stage("reading the cache", || {
         let transfer = Transfer::load(&arguments.cache)?;
-        check_emitters(&rig, &arguments.rig, transfer.report.named_materials())?;
+        check_materials(&rig, &arguments.rig, transfer.report.named_materials())?;
         Ok(Relighter::new(transfer))
     })?;
     let settings = RelightSettings { bounces: arguments.bounces, aa: arguments.aa, ..Default::default() };

@@ -86,9 +86,18 @@ struct SceneContents<'a> {
     lights: Vec<LightContents<'a>>,
     /// Names of materials that shine.
     emitters: Vec<&'a str>,
+    /// Materials with a name.
+    named_materials: Vec<NamedColor<'a>>,
     /// Lowest and highest corner of the box round everything, metres, world space.
     bounds: Option<[[f32; 3]; 2]>,
     warnings: &'a [String],
+}
+
+/// A material and its base colour factor, linear RGB: what a rig can edit.
+#[derive(Clone, Copy, PartialEq, PartialOrd, Serialize)]
+struct NamedColor<'a> {
+    name: &'a str,
+    base_color: [f32; 3],
 }
 
 #[derive(Serialize)]
@@ -119,6 +128,10 @@ impl<'a> SceneContents<'a> {
             cameras: scene.cameras.iter().map(CameraContents::new).collect(),
             lights: scene.lights.lights.iter().map(LightContents::new).collect(),
             emitters: emitters(scene.named_materials()),
+            named_materials: named_colors(scene.materials.iter().map(|material| NamedColor {
+                name: &material.name,
+                base_color: material.base_color.truncate().to_array(),
+            })),
             bounds: geometry.bounds().map(|(low, high)| [low.to_array(), high.to_array()]),
             warnings,
         }
@@ -154,6 +167,26 @@ fn quoted(names: &[&str]) -> String {
 fn emitters<'m>(materials: impl Iterator<Item = (&'m str, bool)>) -> Vec<&'m str> {
     let named = materials.filter(|(name, emits)| *emits && !name.is_empty()).map(|(name, _)| name);
     named.collect::<BTreeSet<_>>().into_iter().collect()
+}
+
+/// Those with a name, in order of it; one that several materials share with one colour is there once.
+fn named_colors<'m>(materials: impl Iterator<Item = NamedColor<'m>>) -> Vec<NamedColor<'m>> {
+    let mut named: Vec<_> = materials.filter(|material| !material.name.is_empty()).collect();
+    named.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
+    named.dedup();
+    named
+}
+
+/// Most materials that are shown; `--json` has all.
+const SHOWN_MATERIALS: usize = 40;
+
+fn add_materials(table: &mut Table, materials: &[NamedColor<'_>]) {
+    for NamedColor { name, base_color: [r, g, b] } in materials.iter().take(SHOWN_MATERIALS) {
+        table.line("material", format!("`{name}`, base colour {r:.3} {g:.3} {b:.3}"));
+    }
+    if let Some(more) = materials.len().checked_sub(SHOWN_MATERIALS).filter(|&more| more > 0) {
+        table.line("", format!("and {more} more; --json lists all"));
+    }
 }
 
 fn point([x, y, z]: [f32; 3]) -> String {
@@ -201,6 +234,7 @@ impl std::fmt::Display for SceneContents<'_> {
         if !self.emitters.is_empty() {
             table.line("emitters", quoted(&self.emitters));
         }
+        add_materials(&mut table, &self.named_materials);
         if let Some([low, high]) = self.bounds {
             table.line("bounds", format!("{} to {} m", point(low), point(high)));
         }
@@ -223,6 +257,8 @@ struct CacheContents<'a> {
     gather_samples: usize,
     /// Names of materials that shine.
     emitters: Vec<&'a str>,
+    /// Materials with a name that the shot shows or that light it.
+    shown_materials: Vec<NamedColor<'a>>,
     /// Sizes in memory, which are those in the file but for its header.
     parts: Parts,
     #[serde(flatten)]
@@ -252,7 +288,9 @@ impl Parts {
                 + size_of_val(&*view.quads)
                 + size_of_val(&*transfer.rows_of_centers)
                 + size_of_val(&*transfer.rows_of_quads),
-            gather_samples_bytes: size_of_val(&*cloud.samples) + size_of_val(&*cloud.sub_samples),
+            gather_samples_bytes: size_of_val(&*cloud.samples)
+                + size_of_val(&*cloud.sub_samples)
+                + size_of_val(&*cloud.diffuse),
             occluders_bytes: size_of_val(&*occluders.positions) + size_of_val(&*occluders.triangles) + masks,
         }
     }
@@ -272,6 +310,10 @@ impl<'a> CacheContents<'a> {
             receivers: transfer.gather.rows,
             gather_samples: transfer.cloud.len(),
             emitters: emitters(transfer.report.named_materials()),
+            shown_materials: named_colors(transfer.shown_materials().into_iter().map(|number| NamedColor {
+                name: &transfer.report.materials[number as usize],
+                base_color: transfer.report.base_colors[number as usize],
+            })),
             parts: Parts::of(transfer),
             report: &transfer.report,
         })
@@ -321,6 +363,7 @@ impl std::fmt::Display for CacheContents<'_> {
         if !self.emitters.is_empty() {
             table.line("emitters", quoted(&self.emitters));
         }
+        add_materials(&mut table, &self.shown_materials);
         table.line("transfer", format!("{:.1} bytes a pixel", self.bytes_per_pixel));
         table.line("  diffuse gather", size(parts.gather_bytes));
         table.line("  glossy gather", size(parts.glossy_bytes));

@@ -10,7 +10,7 @@ use relume::sample::{ViewSamples, edge_pixels};
 use relume::scene::Geometry;
 use relume::trace::Accel;
 use relume::{LightRig, Progress, Result, Scene};
-use relume_io::{Attribute, check_emitters, load_rig};
+use relume_io::{Attribute, check_materials, load_rig};
 use serde::Serialize;
 
 use crate::arguments::{Curve, Part, Threads, antialiasing, image_size};
@@ -29,7 +29,8 @@ use crate::scene_file;
 pub(crate) struct Arguments {
     /// The scene: .glb, .gltf or .obj.
     scene: PathBuf,
-    /// The lights, and how emissive materials shine. Lights stored in the scene do not; `relume info SCENE --rig` writes them out.
+    /// The lights, how emissive materials shine, and base colours in place of the scene's (for diffuse reflection). Lights stored in the
+    /// scene do not shine; `relume info SCENE --rig` writes them out.
     #[arg(long, value_name = "RIG.toml")]
     rig: PathBuf,
     /// The image to write: .exr is scene-linear with layers, .png is as a display shows it.
@@ -113,7 +114,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     arguments.threads.start()?;
     let imported = scene_file::read(&arguments.scene, console)?;
     let camera = scene_file::camera(&imported.scene, arguments.camera.as_deref(), &arguments.scene)?;
-    check_emitters(&rig, &arguments.rig, imported.scene.named_materials())?;
+    check_materials(&rig, &arguments.rig, imported.scene.named_materials())?;
     let settings = arguments.settings(camera);
     let began = Instant::now();
     let tracer = Tracer::new(&imported.scene, console)?;

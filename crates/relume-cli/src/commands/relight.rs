@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::Args;
 use relume::relight::{FrameStats, RelightSettings};
 use relume::{Error, Relighter, Result, Transfer};
-use relume_io::{Attribute, check_emitters, load_rig};
+use relume_io::{Attribute, check_materials, load_rig};
 use serde::Serialize;
 
 use crate::arguments::{Curve, Part, Threads, antialiasing};
@@ -21,7 +21,7 @@ use crate::report::{Table, count, duration};
 pub(crate) struct Arguments {
     /// The cache that `relume prepare` wrote.
     cache: PathBuf,
-    /// The lights, and how emissive materials shine.
+    /// The lights, how emissive materials shine, and base colours in place of the scene's (for diffuse reflection).
     #[arg(long, value_name = "RIG.toml")]
     rig: PathBuf,
     /// The image to write: .exr is scene-linear with layers, .png is as a display shows it.
@@ -52,7 +52,9 @@ pub(crate) struct Arguments {
 const EXAMPLE: &str = "\
 Example:
   relume prepare assets/arcade.glb -o arcade.relume
-  relume relight arcade.relume --rig assets/rigs/arcade.toml -o arcade.exr --per-light";
+  relume relight arcade.relume --rig assets/rigs/arcade.toml -o arcade.exr --per-light
+With base colours of its own, from the same cache:
+  relume relight arcade.relume --rig assets/rigs/arcade_repainted.toml -o repainted.png";
 
 /// What `--json` prints.
 #[derive(Serialize)]
@@ -77,7 +79,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let began = Instant::now();
     let mut relighter = console.stage("reading the cache", || {
         let transfer = Transfer::load(&arguments.cache)?;
-        check_emitters(&rig, &arguments.rig, transfer.report.named_materials())?;
+        check_materials(&rig, &arguments.rig, transfer.report.named_materials())?;
         Ok(Relighter::new(transfer))
     })?;
     let load_seconds = began.elapsed().as_secs_f64();
@@ -143,6 +145,9 @@ impl std::fmt::Display for Figures<'_> {
         table.line("image", format!("{}, {}x{}", self.output.display(), self.width, self.height));
         table.line("cache read in", duration(self.load_seconds));
         table.line("frame", format!("{:.1} ms", self.frame.frame_ms));
+        if self.frame.edits_ms > 0.0 {
+            table.row(milliseconds("edited materials", self.frame.edits_ms));
+        }
         table.row(milliseconds("direct", self.frame.direct_ms));
         table.row(milliseconds("cloud", self.frame.cloud_ms));
         table.row(milliseconds("bounces", self.frame.bounces_ms));

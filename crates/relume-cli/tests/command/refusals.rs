@@ -47,6 +47,33 @@ fn an_emitter_of_no_material_is_told_with_its_line_in_the_rig() {
 }
 
 #[test]
+fn a_material_that_is_not_there_is_told_with_its_line_in_the_rig() {
+    let work = Workplace::prepared();
+    for (material, part) in [
+        (
+            "base_color = [1, 1, 1]\nname = \"curtain\"\n",
+            "material `curtain`: no material of the scene has this name; there are `material 0`, `material 1`",
+        ),
+        ("base_color = [1, 1, 1]\nname = \"\"\n", "`name` must not be empty"),
+        (
+            "name = \"material 1\"\nbase_color = [1, 1, 1.5]\n",
+            "`base_color` must be within 0 to 1, but has 1.5",
+        ),
+    ] {
+        let rig = format!("{RIG}\n[[material]]\n{material}");
+        work.write("wrong.toml", rig.as_bytes());
+        let message = &format!("wrong.toml: line {}: {part}", rig.lines().count());
+        work.refused(&with(&RELIGHT, "rig.toml", "wrong.toml"), 2, message);
+        work.refused(&["bench", "room.relume", "--rig", "wrong.toml"], 2, message);
+        let reference = ["reference", "room.gltf", "--rig", "wrong.toml", "--spp", "1", "-o", "out.exr"];
+        work.refused(&reference, 2, message);
+    }
+    let right = format!("{RIG}\n[[material]]\nname = \"material 1\"\nbase_color = [0, 1, 0.25]\n");
+    work.write("right.toml", right.as_bytes());
+    work.succeed(&with(&RELIGHT, "rig.toml", "right.toml"));
+}
+
+#[test]
 fn inputs_are_never_overwritten() {
     let work = Workplace::new();
     work.write("a.exr", b"");

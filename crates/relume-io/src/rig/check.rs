@@ -1,7 +1,7 @@
 use std::collections::HashMap;
 
 use relume::glam::Vec3;
-use relume::{Emitter, Error, Light, LightKind, LightRig, Result};
+use relume::{Emitter, Error, Light, LightKind, LightRig, MaterialEdit, Result};
 
 use super::keys::LightType;
 
@@ -58,6 +58,16 @@ pub(super) fn emitter_faults(emitter: &Emitter) -> Vec<Fault> {
     faults.0
 }
 
+/// Everything that makes the values of `edit` unusable, key by key.
+pub(super) fn edit_faults(edit: &MaterialEdit) -> Vec<Fault> {
+    let mut faults = Faults(Vec::new());
+    if edit.name.is_empty() {
+        faults.add("name", "`name` must not be empty; name a material of the scene".to_owned());
+    }
+    faults.reflectance("base_color", edit.base_color);
+    faults.0
+}
+
 /// What is wrong with an exposure, if anything.
 pub(super) fn exposure_fault(exposure: f32) -> Option<String> {
     (!exposure.is_finite()).then(|| format!("`exposure` must be a finite number of stops, not {exposure}"))
@@ -95,6 +105,15 @@ pub(super) fn check_rig(rig: &LightRig) -> Result<()> {
         let name = &rig.emitters[second].material;
         return Err(Error::Setting(format!("two emitters name the material `{name}`; keep one of them")));
     }
+    for edit in &rig.materials {
+        if let Some((_, fault)) = edit_faults(edit).into_iter().next() {
+            return Err(Error::Setting(format!("material `{}`: {fault}", edit.name)));
+        }
+    }
+    if let Some(&(second, _)) = repeated_names(rig.materials.iter().map(|edit| edit.name.as_str())).first() {
+        let name = &rig.materials[second].name;
+        return Err(Error::Setting(format!("two materials are named `{name}`; keep one of them")));
+    }
     match repeated_names(rig.lights.iter().map(|light| light.name.as_str())).first() {
         Some(&(second, _)) => {
             let name = &rig.lights[second].name;
@@ -123,6 +142,14 @@ impl Faults {
             color.to_array().into_iter().find(|&channel| channel < 0.0 && channel.is_finite())
         {
             self.add(key, format!("`{key}` must not be negative, but has {negative}; use 0 or more"));
+        }
+    }
+
+    fn reflectance(&mut self, key: &'static str, color: Vec3) {
+        self.finite(key, color);
+        let bad = |channel: &f32| channel.is_finite() && !(0.0..=1.0).contains(channel);
+        if let Some(bad) = color.to_array().into_iter().find(bad) {
+            self.add(key, format!("`{key}` must be within 0 to 1, but has {bad}"));
         }
     }
 

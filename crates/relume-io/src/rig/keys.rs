@@ -8,8 +8,27 @@ pub(super) enum LightType {
     Distant,
 }
 
-/// Keys of an emitter, with examples.
-pub(super) const EMITTER: [(&str, &str); 2] = [("material", "\"lamp\""), ("scale", "[0.5, 0.5, 0.5]")];
+/// A table that gives a colour to the scene's materials of one name: its own name, with its article, and its keys with examples.
+pub(super) struct NamedTable {
+    pub(super) table: &'static str,
+    pub(super) article: &'static str,
+    pub(super) name: (&'static str, &'static str),
+    pub(super) color: (&'static str, &'static str),
+}
+
+pub(super) const EMITTER: NamedTable = NamedTable {
+    table: "emitter",
+    article: "an",
+    name: ("material", "\"lamp\""),
+    color: ("scale", "[0.5, 0.5, 0.5]"),
+};
+
+pub(super) const MATERIAL: NamedTable = NamedTable {
+    table: "material",
+    article: "a",
+    name: ("name", "\"wall\""),
+    color: ("base_color", "[0.7, 0.1, 0.1]"),
+};
 
 /// A key of a light.
 pub(super) struct Key {

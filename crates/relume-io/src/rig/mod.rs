@@ -26,9 +26,12 @@
 //! [[emitter]]                         # emissive materials that shine otherwise than in the scene
 //! material = "lamp"                   # its name in the scene
 //! scale = [0.5, 0.4, 0.3]             # times what it emits there, linear RGB
+//! [[material]]                        # materials of another base colour than in the scene, in diffuse reflection
+//! name = "wall"                       # its name in the scene
+//! base_color = [0.7, 0.1, 0.1]        # in place of its factor; textures stay; linear RGB, 0 to 1
 //! ```
 //!
-//! The keys are the field names of [`relume::LightKind`] and [`relume::Emitter`]. Whatever is wrong is told with its line.
+//! The keys are the field names of [`relume::LightKind`], [`relume::Emitter`] and [`relume::MaterialEdit`]. Whatever is wrong is told with its line.
 
 mod check;
 mod keys;
@@ -79,21 +82,24 @@ pub fn parse_rig(text: &str, path: impl AsRef<Path>) -> Result<LightRig> {
     })
 }
 
-/// Checks that every emitter of `rig`, which was read from `path`, names a material that shines, of `materials`: their names, and whether
-/// they emit anything.
+/// Checks that every emitter of `rig`, which was read from `path`, names a material that shines, and every edit one that is there, of
+/// `materials`: their names, and whether they emit anything.
 ///
 /// # Errors
-/// [`Error::File`] with the line of the first emitter at fault.
-pub fn check_emitters<'m>(
+/// [`Error::File`] with the line of the first emitter or, if these are right, the first edit at fault.
+pub fn check_materials<'m>(
     rig: &LightRig,
     path: impl AsRef<Path>,
-    materials: impl Iterator<Item = (&'m str, bool)>,
+    materials: impl Iterator<Item = (&'m str, bool)> + Clone,
 ) -> Result<()> {
     let path = path.as_ref();
-    let Err(fault) = rig.emitters_of(materials) else { return Ok(()) };
+    let emitters = rig.emitters_of(materials.clone());
+    let Err(fault) = emitters.and_then(|_| rig.edits_of(materials.map(|(name, _)| name))) else {
+        return Ok(());
+    };
     // the file may have changed since; then there is no line to tell
     let text = std::fs::read_to_string(path).unwrap_or_default();
-    let line = parse::emitter_offset(&text, fault.emitter).map(|offset| line_of(&text, offset));
+    let line = parse::name_offset(&text, fault.list, fault.index).map(|offset| line_of(&text, offset));
     let place = line.map_or(String::new(), |line| format!("line {line}: "));
     Err(Error::file(path, format!("{place}{}", fault.message)))
 }

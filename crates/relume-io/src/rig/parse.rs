@@ -1,10 +1,11 @@
 use relume::glam::Vec3;
-use relume::{Emitter, Light, LightKind, LightRig};
+use relume::scene::NamedList;
+use relume::{Emitter, Light, LightKind, LightRig, MaterialEdit};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::check::{emitter_faults, exposure_fault, light_faults, repeated_names};
-use super::keys::{EMITTER, LightType, near_miss, synonym};
+use super::check::{Fault, edit_faults, emitter_faults, exposure_fault, light_faults, repeated_names};
+use super::keys::{EMITTER, LightType, MATERIAL, NamedTable, near_miss, synonym};
 
 /// What is wrong, and the byte it is wrong at.
 pub(super) struct Problem {
@@ -26,19 +27,23 @@ pub(super) fn parse(text: &str) -> Result<LightRig, Problem> {
     }
 }
 
-/// The byte at which the material of an emitter, counted from 0, is named.
-pub(super) fn emitter_offset(text: &str, emitter: usize) -> Option<usize> {
+/// The byte at which an entry of a list, counted from 0, names its material.
+pub(super) fn name_offset(text: &str, list: NamedList, index: usize) -> Option<usize> {
+    let NamedTable { table, name: (name, _), .. } = match list {
+        NamedList::Emitters => EMITTER,
+        NamedList::Materials => MATERIAL,
+    };
     let document = DeTable::parse(text).ok()?;
-    let (_, list) = document.get_ref().iter().find(|(key, _)| key.get_ref() == "emitter")?;
-    let item = list.get_ref().as_array()?.get(emitter)?;
-    Some(Table { keys: item.get_ref().as_table()?, offset: item.span().start }.offset_of("material"))
+    let (_, list) = document.get_ref().iter().find(|(key, _)| key.get_ref() == table)?;
+    let item = list.get_ref().as_array()?.get(index)?;
+    Some(Table { keys: item.get_ref().as_table()?, offset: item.span().start }.offset_of(name))
 }
 
 struct Reader {
     problems: Vec<Problem>,
 }
 
-/// A light's or an emitter's table, and where it begins.
+/// One table of a list, and where it begins.
 struct Table<'t, 'i> {
     keys: &'t DeTable<'i>,
     offset: usize,
@@ -69,10 +74,13 @@ impl Reader {
                 "exposure" => rig.exposure = self.exposure(offset, value.get_ref()).unwrap_or_default(),
                 "light" => rig.lights = self.lights(offset, value.get_ref()),
                 "emitter" => rig.emitters = self.emitters(offset, value.get_ref()),
+                "material" => rig.materials = self.materials(offset, value.get_ref()),
                 unknown => {
-                    let mend = match near_miss(unknown, ["exposure", "light", "emitter"]) {
+                    let mend = match near_miss(unknown, ["exposure", "light", "emitter", "material"]) {
                         Some(near) => format!("did you mean `{near}`?"),
-                        None => "a rig has `exposure`, [[light]] and [[emitter]] tables".to_owned(),
+                        None => {
+                            "a rig has `exposure`, [[light]], [[emitter]] and [[material]] tables".to_owned()
+                        }
                     };
                     self.problem(offset, format!("unknown key `{unknown}`; {mend}"));
                 }
@@ -139,58 +147,90 @@ impl Reader {
     }
 
     fn emitters(&mut self, offset: usize, value: &DeValue<'_>) -> Vec<Emitter> {
-        let mut emitters: Vec<(usize, Emitter)> = Vec::new();
-        for table in self.tables("emitter", offset, value) {
-            if let Some(emitter) = self.emitter(&table) {
-                emitters.push((table.offset_of("material"), emitter));
-            }
-        }
-        for (second, _) in repeated_names(emitters.iter().map(|(_, emitter)| emitter.material.as_str())) {
-            let (offset, emitter) = &emitters[second];
+        let make = |material: String, scale: Vec3| Emitter { material, scale };
+        let read = self.all_named(offset, value, &EMITTER, make, emitter_faults);
+        for (second, _) in repeated_names(read.iter().map(|(_, emitter)| emitter.material.as_str())) {
+            let (offset, emitter) = &read[second];
             let name = &emitter.material;
             let message = format!("an earlier emitter names the material `{name}` too; keep one of them");
             self.problem(*offset, message);
         }
-        emitters.into_iter().map(|(_, emitter)| emitter).collect()
+        read.into_iter().map(|(_, emitter)| emitter).collect()
     }
 
-    /// `None` where the emitter has a problem, which is noted.
-    fn emitter(&mut self, table: &Table<'_, '_>) -> Option<Emitter> {
-        let before = self.problems.len();
-        let known = || EMITTER.iter().map(|&(name, _)| name);
+    fn materials(&mut self, offset: usize, value: &DeValue<'_>) -> Vec<MaterialEdit> {
+        let make = |name: String, base_color: Vec3| MaterialEdit { name, base_color };
+        let read = self.all_named(offset, value, &MATERIAL, make, edit_faults);
+        for (second, _) in repeated_names(read.iter().map(|(_, edit)| edit.name.as_str())) {
+            let (offset, edit) = &read[second];
+            let message = format!("an earlier [[material]] is named `{}` too; keep one of them", edit.name);
+            self.problem(*offset, message);
+        }
+        read.into_iter().map(|(_, edit)| edit).collect()
+    }
+
+    /// The tables of a list that give colours to materials, made what they stand for by `make`, each with where it is named. Those with
+    /// a problem, also one of `faults`, are left out, and it is noted.
+    fn all_named<T>(
+        &mut self,
+        offset: usize,
+        value: &DeValue<'_>,
+        kind: &NamedTable,
+        make: impl Fn(String, Vec3) -> T,
+        faults: impl Fn(&T) -> Vec<Fault>,
+    ) -> Vec<(usize, T)> {
+        let mut read = Vec::new();
+        for table in self.tables(kind.table, offset, value) {
+            let before = self.problems.len();
+            let Some((name, color)) = self.named(&table, kind) else { continue };
+            let made = make(name, color);
+            for (key, message) in faults(&made) {
+                self.problem(table.offset_of(key), message);
+            }
+            if self.problems.len() == before {
+                read.push((table.offset_of(kind.name.0), made));
+            }
+        }
+        read
+    }
+
+    /// `None` where the table has a problem, which is noted.
+    fn named(&mut self, table: &Table<'_, '_>, kind: &NamedTable) -> Option<(String, Vec3)> {
+        let keys = [kind.name, kind.color];
+        let known = || keys.into_iter().map(|(key, _)| key);
         for key in table.keys.keys().filter(|key| known().all(|name| name != key.get_ref())) {
             let written = key.get_ref();
             let mend = match near_miss(written, known()) {
                 Some(near) => format!("did you mean `{near}`?"),
-                None => format!("an emitter has {}", known().collect::<Vec<_>>().join(", ")),
+                None => {
+                    let all = known().collect::<Vec<_>>().join(", ");
+                    format!("{} {} has {all}", kind.article, kind.table)
+                }
             };
             self.problem(key.span().start, format!("unknown key `{written}`; {mend}"));
         }
-        for (key, example) in EMITTER {
+        for (key, example) in keys {
             // a misspelt key is told as such, at its own line
             let misspelt =
                 table.keys.keys().any(|written| near_miss(written.get_ref(), known()) == Some(key));
             if table.find(key).is_none() && !misspelt {
-                let name = table.find("material").and_then(|(_, value)| value.get_ref().as_str());
-                let emitter = name.map_or("this emitter".to_owned(), |name| format!("emitter `{name}`"));
-                let message = format!("{emitter} has no `{key}`; add {key} = {example}");
-                self.problem(table.offset, message);
+                let name = table.find(kind.name.0).and_then(|(_, value)| value.get_ref().as_str());
+                let this =
+                    name.map_or(format!("this {}", kind.table), |name| format!("{} `{name}`", kind.table));
+                self.problem(table.offset, format!("{this} has no `{key}`; add {key} = {example}"));
             }
         }
-        let material = table.find("material").and_then(|(offset, value)| match value.get_ref().as_str() {
+        let (key, _) = kind.name;
+        let name = table.find(key).and_then(|(offset, value)| match value.get_ref().as_str() {
             Some(name) => Some(name.to_owned()),
-            None => self.wrong_type(offset, "material", "text in quotes", value.get_ref()),
+            None => self.wrong_type(offset, key, "text in quotes", value.get_ref()),
         });
-        let scale = table.find("scale").and_then(|(offset, value)| {
-            let scale = three_numbers(value.get_ref());
-            let wanted = "three numbers, such as [0.5, 0.5, 0.5]";
-            scale.or_else(|| self.wrong_type(offset, "scale", wanted, value.get_ref()))
+        let (key, example) = kind.color;
+        let color = table.find(key).and_then(|(offset, value)| {
+            let wanted = format!("three numbers, such as {example}");
+            three_numbers(value.get_ref()).or_else(|| self.wrong_type(offset, key, &wanted, value.get_ref()))
         });
-        let emitter = Emitter { material: material?, scale: scale? };
-        for (key, message) in emitter_faults(&emitter) {
-            self.problem(table.offset_of(key), message);
-        }
-        (self.problems.len() == before).then_some(emitter)
+        Some((name?, color?))
     }
 
     /// `None` where the light has a problem, which is noted.

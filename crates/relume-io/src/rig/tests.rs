@@ -1,5 +1,5 @@
 use relume::glam::Vec3;
-use relume::{Emitter, Light, LightKind};
+use relume::{Emitter, Light, LightKind, MaterialEdit};
 
 use super::*;
 
@@ -48,6 +48,7 @@ fn every_kind() -> LightRig {
         exposure: -1.5,
         lights: vec![light("key", true, spot), light("fill", false, omni), light("sun", true, sun)],
         emitters: Vec::new(),
+        materials: Vec::new(),
     }
 }
 
@@ -70,6 +71,9 @@ fn writes_what_it_reads_bit_for_bit() {
     assert_eq!(parse(&rig_to_toml(&rig)).unwrap(), rig);
 
     rig.emitters.push(Emitter { material: "neon \"red\"".to_owned(), scale: Vec3::new(0.1, 0.0, 1.0 / 3.0) });
+    assert_eq!(parse(&rig_to_toml(&rig)).unwrap(), rig);
+    let base_color = Vec3::new(0.1, 1.0, 1.0 / 3.0);
+    rig.materials.push(MaterialEdit { name: "wall \"2\"".to_owned(), base_color });
     assert_eq!(parse(&rig_to_toml(&rig)).unwrap(), rig);
 
     let folder = tempfile::tempdir().unwrap();
@@ -140,6 +144,64 @@ fn emitters_are_read_and_their_problems_told_with_their_line() {
     assert!(save_rig(&rig, folder.path().join("rig.toml")).is_err());
 }
 
+const MATERIAL: &str = "
+[[material]]
+name = \"wall\"
+base_color = [0.7, 0, 1]
+";
+
+#[test]
+fn materials_are_read_and_their_problems_told_with_their_line() {
+    let wall = MaterialEdit { name: "wall".to_owned(), base_color: Vec3::new(0.7, 0.0, 1.0) };
+    let rig = parse(&format!("{SPOT}{MATERIAL}{EMITTER}")).unwrap();
+    assert_eq!((rig.materials, rig.emitters.len()), (vec![wall], 1));
+    let cases = [
+        (
+            MATERIAL.replace("base_color", "basecolor"),
+            "line 4: unknown key `basecolor`; did you mean `base_color`?",
+        ),
+        (
+            format!("{MATERIAL}metallic = 1\n"),
+            "line 5: unknown key `metallic`; a material has name, base_color",
+        ),
+        (
+            MATERIAL.replace("base_color = [0.7, 0, 1]", ""),
+            "line 2: material `wall` has no `base_color`; add base_color = [0.7, 0.1, 0.1]",
+        ),
+        (
+            MATERIAL.replace("\"wall\"", "\"\""),
+            "line 3: `name` must not be empty; name a material of the scene",
+        ),
+        (
+            MATERIAL.replace("[0.7, 0, 1]", "\"red\""),
+            "line 4: `base_color` must be three numbers, such as [0.7, 0.1, 0.1], not text",
+        ),
+        (MATERIAL.replace("0.7", "-0.7"), "line 4: `base_color` must be within 0 to 1, but has -0.7"),
+        (MATERIAL.replace("0.7", "1.01"), "line 4: `base_color` must be within 0 to 1, but has 1.01"),
+        (MATERIAL.replace("0.7", "inf"), "line 4: `base_color` must be three finite numbers; inf is none"),
+        (
+            format!("{MATERIAL}{MATERIAL}"),
+            "line 7: an earlier [[material]] is named `wall` too; keep one of them",
+        ),
+        (
+            MATERIAL.replace("[[material]]", "[[materials]]"),
+            "line 2: unknown key `materials`; did you mean `material`?",
+        ),
+        ("material = [1]".to_owned(), "line 1: a material must be a table, not one number"),
+    ];
+    for (text, message) in cases {
+        let error = parse(&text).unwrap_err().to_string();
+        assert!(error.contains(message), "{error}\ninstead of\n{message}");
+    }
+    let rig = |base_color| LightRig {
+        materials: vec![MaterialEdit { name: "wall".to_owned(), base_color }],
+        ..LightRig::default()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    assert!(save_rig(&rig(Vec3::X), folder.path().join("rig.toml")).is_ok());
+    assert!(save_rig(&rig(Vec3::X * 2.0), folder.path().join("rig.toml")).is_err());
+}
+
 /// A rig with one change, and the message it must end in.
 #[test]
 fn problems_are_told_with_their_line() {
@@ -179,7 +241,7 @@ fn problems_are_told_with_their_line() {
         (spot("exposure", "exposur"), "line 1: unknown key `exposur`; did you mean `exposure`?"),
         (
             spot("exposure", "gamma"),
-            "line 1: unknown key `gamma`; a rig has `exposure`, [[light]] and [[emitter]] tables",
+            "line 1: unknown key `gamma`; a rig has `exposure`, [[light]], [[emitter]] and [[material]] tables",
         ),
         (OMNI.replace("[[light]]", "[[lights]]"), "line 1: unknown key `lights`; did you mean `light`?"),
         (

@@ -18,6 +18,11 @@ pub fn rig_to_toml(rig: &LightRig) -> String {
         line(&mut text, "material", &toml::Value::from(emitter.material.as_str()).to_string());
         line(&mut text, "scale", &triple(emitter.scale));
     }
+    for edit in &rig.materials {
+        text.push_str("\n[[material]]\n");
+        line(&mut text, "name", &toml::Value::from(edit.name.as_str()).to_string());
+        line(&mut text, "base_color", &triple(edit.base_color));
+    }
     text
 }
 

@@ -21,8 +21,8 @@ use crate::error::{Error, Result};
 use crate::image::{Image, Layers};
 use crate::progress::Progress;
 use crate::scene::{Geometry, LightRig, Scene};
-use crate::shade::{PreparedLight, Surface};
-use crate::trace::Accel;
+use crate::shade::{PreparedLight, Surface, surface_at};
+use crate::trace::{Accel, Hit};
 
 use emitters::Emitters;
 use film::Film;
@@ -126,11 +126,22 @@ struct World<'a> {
     lights: Vec<PreparedLight>,
     /// By material: what its emission is multiplied by.
     emission_scales: Vec<Vec3>,
+    /// By material: the base colour that takes the place of the scene's.
+    base_colors: Vec<Option<Vec3>>,
     emitters: Emitters,
     settings: &'a Settings,
 }
 
 impl World<'_> {
+    /// The surface that a ray along `ray_direction` hit, with the rig's base colour.
+    fn surface_at(&self, hit: &Hit, ray_direction: Vec3) -> Surface {
+        let surface = surface_at(self.scene, self.geometry, hit, ray_direction);
+        match self.base_colors[surface.material as usize] {
+            Some(base_color) => surface.with_base_color(base_color),
+            None => surface,
+        }
+    }
+
     /// Radiance that a surface emits under the rig, W/(sr m^2).
     fn emission(&self, surface: &Surface) -> Vec3 {
         surface.emission * self.emission_scales[surface.material as usize]
@@ -141,7 +152,8 @@ impl World<'_> {
 /// Runs in rayon's current pool; the bytes do not depend on its size.
 ///
 /// # Errors
-/// [`Error::Setting`] where a setting is out of range or the rig's emitters name no material, [`Error::Cancelled`] where `progress` asks to stop.
+/// [`Error::Setting`] where a setting is out of range or the rig's emitters or edited materials are not the scene's or unusable,
+/// [`Error::Cancelled`] where `progress` asks to stop.
 pub fn render(
     scene: &Scene,
     geometry: &Geometry,
@@ -155,6 +167,8 @@ pub fn render(
     let emitters = rig.emitters_of(scene.named_materials())?;
     let scale = |emitter: &Option<usize>| emitter.map_or(Vec3::ONE, |emitter| rig.emitters[emitter].scale);
     let emission_scales: Vec<Vec3> = emitters.iter().map(scale).collect();
+    let edits = rig.edits_of(scene.named_materials().map(|(name, _)| name))?;
+    let base_color = |edit: Option<usize>| edit.map(|edit| rig.materials[edit].base_color);
     let world = World {
         scene,
         geometry,
@@ -162,6 +176,7 @@ pub fn render(
         lights: enabled.iter().map(|light| PreparedLight::new(light)).collect(),
         emitters: Emitters::new(scene, geometry, &emission_scales),
         emission_scales,
+        base_colors: edits.into_iter().map(base_color).collect(),
         settings,
     };
     let film = Film::new(settings, enabled.len());

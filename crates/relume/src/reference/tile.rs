@@ -11,7 +11,7 @@ use super::film::{Film, Share, TileSums};
 use super::response::Response;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::shade::{Bsdf, LightSample, Surface, shadow_ray, surface_at};
+use crate::shade::{Bsdf, LightSample, Surface, shadow_ray};
 use crate::trace::sampling::{hash, sobol_2d};
 use crate::trace::{Hit, Ray, offset_origin};
 
@@ -186,7 +186,7 @@ impl<'a> Tile<'a> {
     /// Shades what the sub-pixel at `column` and `row` of the tile sees.
     fn add_primary(&mut self, column: usize, row: usize, ray: &Ray, hit: &Hit) {
         let settings = self.world.settings;
-        let surface = surface_at(self.world.scene, self.world.geometry, hit, ray.direction);
+        let surface = self.world.surface_at(hit, ray.direction);
         if !surface.lit {
             return;
         }
@@ -288,7 +288,7 @@ impl<'a> Tile<'a> {
             if !hit.is_hit() {
                 continue;
             }
-            let surface = surface_at(world.scene, world.geometry, hit, ray.direction);
+            let surface = world.surface_at(hit, ray.direction);
             if !surface.lit {
                 continue;
             }

@@ -14,8 +14,17 @@ const SOFT_RAYS: usize = 16;
 /// Samples that one task shades.
 const CHUNK: usize = 2048;
 
+/// What is lit.
+#[derive(Clone, Copy)]
+pub(super) struct View<'a> {
+    pub(super) samples: &'a ViewSamples,
+    /// By material, what the samples' `k_d` is multiplied by; none where that is 1 for all.
+    pub(super) scales: Option<&'a [Vec3]>,
+}
+
 /// One light's direct light on every pixel, and the number of shadow rays.
-pub(super) fn direct(view: &ViewSamples, accel: &Accel, light: &Light, aa: u32) -> (Vec<Vec3>, u64) {
+pub(super) fn direct(view: View<'_>, accel: &Accel, light: &Light, aa: u32) -> (Vec<Vec3>, u64) {
+    let View { samples: view, scales } = view;
     let prepared = PreparedLight::new(light);
     let (samples, a_pixel) = if aa == 1 { (&view.centers, 1) } else { (&view.quads, 4) };
     let rays = if prepared.needs_samples() { SOFT_RAYS / a_pixel } else { 1 };
@@ -26,7 +35,7 @@ pub(super) fn direct(view: &ViewSamples, accel: &Accel, light: &Light, aa: u32) 
         .map(|(chunk, pixels)| {
             let first = chunk * (CHUNK / a_pixel) * a_pixel;
             let samples = &samples[first..first + pixels.len() * a_pixel];
-            let shading = Shading { light: &prepared, camera: view.camera, rays, first };
+            let shading = Shading { light: &prepared, camera: view.camera, scales, rays, first };
             shading.run(samples, accel, a_pixel, pixels)
         })
         .sum();
@@ -36,6 +45,8 @@ pub(super) fn direct(view: &ViewSamples, accel: &Accel, light: &Light, aa: u32) 
 struct Shading<'a> {
     light: &'a PreparedLight,
     camera: Vec3,
+    /// See [`View::scales`].
+    scales: Option<&'a [Vec3]>,
     /// Shadow rays a sample.
     rays: usize,
     /// Number of the first sample, for its random numbers.
@@ -77,8 +88,11 @@ impl Shading<'_> {
         }
         let surface = sample.surface();
         let view = (self.camera - sample.position) / sample.depth;
-        let brdf =
-            surface.diffuse_albedo * std::f32::consts::FRAC_1_PI + surface.specular(view, arriving.direction);
+        let k_d = match self.scales {
+            Some(scales) => surface.diffuse_albedo * scales[sample.material as usize],
+            None => surface.diffuse_albedo,
+        };
+        let brdf = k_d * std::f32::consts::FRAC_1_PI + surface.specular(view, arriving.direction);
         let radiance = brdf * arriving.irradiance * cos;
         let ray = shade::shadow_ray(sample.position, geometric, &arriving);
         (radiance != Vec3::ZERO).then_some((ray, radiance))

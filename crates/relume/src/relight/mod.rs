@@ -2,9 +2,10 @@
 //!
 //! Every light is relit alone, under white light, and kept: what a light does is linear in its colour, channel by
 //! channel. A frame is the sum of what its lights did, so that a moved light costs one light's work and a changed
-//! colour costs the sum.
+//! colour costs the sum. Other base colours of materials ([`crate::MaterialEdit`]) relight all of them once.
 
 mod direct;
+mod edits;
 mod upsample;
 
 use std::sync::Arc;
@@ -19,6 +20,8 @@ use crate::scene::{Light, LightRig};
 use crate::trace::Accel;
 use crate::transfer::{BounceSeries, Transfer};
 use crate::{Error, Progress, Result};
+
+use edits::Edits;
 
 /// Which light to show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -56,6 +59,9 @@ impl Default for RelightSettings {
 pub struct FrameStats {
     /// The whole frame.
     pub frame_ms: f64,
+    /// The cloud's albedo and how fast light fades, where the rig edits base colours otherwise than in the frame before; else 0.
+    /// The latter is most of it: some twenty to forty steps of bounces, as much as those of two to four lights.
+    pub edits_ms: f64,
     /// Direct light on the view samples.
     pub direct_ms: f64,
     /// Direct light on the cloud.
@@ -108,7 +114,9 @@ pub const EMISSION: &str = "emission";
 pub struct Relighter {
     transfer: Arc<Transfer>,
     accel: Accel,
+    /// Within the cloud as it was prepared.
     bounces: BounceSeries,
+    edits: Edits,
     edges: Vec<bool>,
     /// Where the transfer has reflections.
     tints: Option<upsample::Tints>,
@@ -127,10 +135,11 @@ impl Relighter {
     pub fn new(transfer: impl Into<Arc<Transfer>>) -> Self {
         crate::shade::warm_up();
         let transfer = transfer.into();
-        let albedo: Vec<Vec3> = transfer.cloud.samples.iter().map(|sample| sample.albedo).collect();
+        let base_colors = transfer.report.base_colors.iter().map(|&rgb| Vec3::from(rgb)).collect();
         Self {
             accel: transfer.occluders.accel(),
-            bounces: BounceSeries::new(&transfer.bounce, &albedo),
+            bounces: edits::bounces(&transfer, &transfer.cloud),
+            edits: Edits::new(&transfer, base_colors),
             edges: edge_pixels(&transfer.view),
             tints: transfer.glossy.is_some().then(|| upsample::Tints::new(&transfer.view)),
             kept: Vec::new(),
@@ -165,10 +174,11 @@ impl Relighter {
     }
 
     /// The shot under `rig`. Lights that have not changed since an earlier frame, or only in colour, cost nothing but
-    /// their share of the sum.
+    /// their share of the sum. Where base colours change, all lights are relit.
     ///
     /// # Errors
-    /// [`Error::Setting`] unless `aa` is 1 or 2 and every emitter of the rig names a material of the scene.
+    /// [`Error::Setting`] unless `aa` is 1 or 2, every emitter of the rig names a material of the scene that shines and has a usable scale,
+    /// every edited material is one of the scene and has a base colour within `0..=1`, and none is named twice.
     pub fn relight(&mut self, rig: &LightRig, settings: &RelightSettings) -> Result<Layers> {
         self.relight_watched(rig, settings, &())
     }
@@ -188,7 +198,14 @@ impl Relighter {
         }
         let began = Instant::now();
         let glows = self.glows(rig)?;
+        let base_colors = edits::base_colors(&self.transfer.report, rig)?;
         self.stats = FrameStats::default();
+        if self.edits.differ_from(&base_colors) {
+            let began = Instant::now();
+            self.forget();
+            self.edits = Edits::new(&self.transfer, base_colors);
+            self.stats.edits_ms = milliseconds(began);
+        }
         let shining: Vec<&Light> =
             rig.lights.iter().filter(|light| light.enabled && light.color() != Vec3::ZERO).collect();
         progress.stage("relighting", (shining.len() + glows.len()) as u64);
@@ -235,14 +252,15 @@ impl Relighter {
         let mut lit = Lit { direct: self.black(), indirect: self.black() };
         if settings.only != Only::Indirect {
             let began = Instant::now();
-            let (direct, rays) = direct::direct(&self.transfer.view, &self.accel, &white, settings.aa);
+            let view = direct::View { samples: &self.transfer.view, scales: self.edits.scales() };
+            let (direct, rays) = direct::direct(view, &self.accel, &white, settings.aa);
             lit.direct.pixels = direct;
             self.stats.shadow_rays += rays;
             self.stats.direct_ms += milliseconds(began);
         }
         if settings.only != Only::Direct && settings.bounces != Some(0) {
             let began = Instant::now();
-            let cloud = illuminate(&self.transfer.cloud, &self.accel, &white);
+            let cloud = illuminate(self.edits.cloud(&self.transfer), &self.accel, &white);
             self.stats.shadow_rays += cloud.shadow_rays;
             self.stats.cloud_ms += milliseconds(began);
             let times = settings.bounces.map(|bounces| bounces - 1);
@@ -254,7 +272,8 @@ impl Relighter {
     /// Light on the cloud, bounced and gathered to the pixels.
     fn gather(&mut self, radiance: &[Vec3], times: Option<u32>, aa: u32) -> Vec<Vec3> {
         let began = Instant::now();
-        let (bounced, steps) = self.bounces.sum(&self.transfer.bounce, radiance, times);
+        let bounces = self.edits.bounces(&self.bounces);
+        let (bounced, steps) = bounces.sum(&self.transfer.bounce, radiance, times);
         self.stats.bounce_steps += steps;
         self.stats.bounces_ms += milliseconds(began);
         let began = Instant::now();
@@ -262,7 +281,8 @@ impl Relighter {
         self.stats.gather_ms += milliseconds(began);
         let began = Instant::now();
         let glossy = glossy.as_deref().zip(self.tints.as_ref());
-        let pixels = upsample::upsample(&self.transfer, &gathered, glossy, aa);
+        let diffuse = (&gathered[..], self.edits.scales());
+        let pixels = upsample::upsample(&self.transfer, diffuse, glossy, aa);
         self.stats.upsample_ms += milliseconds(began);
         pixels
     }
@@ -319,7 +339,7 @@ impl Relighter {
             direct::add_emission(&transfer.view, settings.aa, shines, &mut lit.direct.pixels);
         }
         if settings.only != Only::Direct && settings.bounces != Some(0) {
-            let bounced = self.bounces.reflect(&transfer.bounce, &emitted);
+            let bounced = self.edits.bounces(&self.bounces).reflect(&transfer.bounce, &emitted);
             lit.indirect.pixels =
                 self.gather(&bounced, settings.bounces.map(|bounces| bounces - 1), settings.aa);
         }

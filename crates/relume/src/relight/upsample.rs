@@ -29,10 +29,11 @@ impl Tints {
 }
 
 /// `k_d` times the light gathered over the hemisphere plus `k_g` times that along the lobe, averaged over each pixel's samples.
-/// Both are one value a row of the final gather; the latter is none where reflections were left out.
+/// Both are one value a row of the final gather; the latter is none where reflections were left out. Beside the former stands, by material,
+/// what the samples' `k_d` is multiplied by.
 pub(super) fn upsample(
     transfer: &Transfer,
-    gathered: &[Vec3],
+    (gathered, scales): (&[Vec3], Option<&[Vec3]>),
     glossy: Option<(&[Vec3], &Tints)>,
     aa: u32,
 ) -> Vec<Vec3> {
@@ -44,7 +45,11 @@ pub(super) fn upsample(
     };
     let share = 1.0 / a_pixel as f32;
     let glossy = glossy.map(|(light, tints)| (light, if aa == 1 { &tints.centers } else { &tints.quads }));
-    let diffuse = |index: usize| samples[index].diffuse.get() * gathered[rows[index] as usize];
+    let k_d = |sample: &ViewSample| match scales {
+        Some(scales) => sample.diffuse.get() * scales[sample.material as usize],
+        None => sample.diffuse.get(),
+    };
+    let diffuse = |index: usize| k_d(&samples[index]) * gathered[rows[index] as usize];
     let reflected = |index: usize| match glossy {
         Some((light, tints)) => tints[index].get() * light[rows[index] as usize],
         None => Vec3::ZERO,

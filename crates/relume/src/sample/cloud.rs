@@ -62,6 +62,28 @@ impl SubSample {
     }
 }
 
+/// How a sub-sample's albedo follows its material's base colour.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct DiffusePart {
+    /// What the diffuse lobe adds to the albedo under a white base colour factor.
+    pub white: PackedUnit,
+    /// The material's index, its lower half first: whole numbers of 32 bits would leave gaps.
+    material: [u16; 2],
+}
+
+impl DiffusePart {
+    /// From its parts.
+    pub fn new(white: PackedUnit, material: u32) -> Self {
+        Self { white, material: [material as u16, (material >> 16) as u16] }
+    }
+
+    /// Index of the material.
+    pub fn material(&self) -> u32 {
+        u32::from(self.material[0]) | u32::from(self.material[1]) << 16
+    }
+}
+
 /// What one material emits on a gather sample's patch.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -82,6 +104,8 @@ pub struct GatherCloud {
     pub samples: Vec<GatherSample>,
     /// `SUB_SAMPLES` a sample, neighbours close together.
     pub sub_samples: Vec<SubSample>,
+    /// One a sub-sample.
+    pub diffuse: Vec<DiffusePart>,
     /// The samples' emission, material by material; in the order of samples.
     pub emitted: Vec<Emitted>,
 }
@@ -201,6 +225,43 @@ impl GatherCloud {
         ordered(&cells, cuts, diagonal, progress)
     }
 
+    /// The cloud with other base colours, for light to fall on and be reflected by: it cannot be recoloured again. `changes` is what is
+    /// added to each material's factor, linear RGB. `None` where no surface of the cloud has a material that changes.
+    ///
+    /// Albedo is what both lobes return; the part of the diffuse one is linear in the base colour, the other stays.
+    ///
+    /// # Panics
+    /// If a material has no entry in `changes`.
+    pub fn recolored(&self, changes: &[Vec3]) -> Option<Self> {
+        let change = |part: &DiffusePart| changes[part.material() as usize];
+        if !self.diffuse.par_iter().any(|part| change(part) != Vec3::ZERO) {
+            return None;
+        }
+        let mut cloud = Self {
+            samples: self.samples.clone(),
+            sub_samples: self.sub_samples.clone(),
+            emitted: self.emitted.clone(),
+            diffuse: Vec::new(),
+        };
+        let patches = cloud.sub_samples.par_chunks_exact_mut(SUB_SAMPLES);
+        let patches = patches.zip(self.diffuse.par_chunks_exact(SUB_SAMPLES));
+        cloud.samples.par_iter_mut().zip(patches).for_each(|(sample, (sub_samples, parts))| {
+            let (mut added, mut weight) = (Vec3::ZERO, 0.0);
+            for (sub, part) in sub_samples.iter_mut().zip(parts) {
+                let more = part.white.get() * change(part);
+                if more != Vec3::ZERO {
+                    sub.albedo = PackedUnit::new(sub.albedo.get() + more);
+                }
+                added += more * sub.weight();
+                weight += sub.weight();
+            }
+            if added != Vec3::ZERO {
+                sample.albedo = (sample.albedo + added / weight).clamp(Vec3::ZERO, Vec3::ONE);
+            }
+        });
+        Some(cloud)
+    }
+
     /// Number of gather samples, `n_g`.
     pub fn len(&self) -> usize {
         self.samples.len()
@@ -231,6 +292,7 @@ fn ordered(
     let cloud = GatherCloud {
         samples: in_order().map(|cell| cell.sample).collect(),
         sub_samples: in_order().flat_map(|cell| cell.sub_samples).collect(),
+        diffuse: in_order().flat_map(|cell| cell.diffuse).collect(),
         emitted: (0..).zip(in_order()).flat_map(|(sample, cell)| cell.emitted(sample)).collect(),
     };
     let targets = in_order().flat_map(|cell| cell.targets).collect();
@@ -259,6 +321,7 @@ fn too_few(count: usize) -> Error {
 struct Portrait {
     sample: GatherSample,
     sub_samples: [SubSample; SUB_SAMPLES],
+    diffuse: [DiffusePart; SUB_SAMPLES],
     targets: [Vec3; TARGETS],
     middle: (Vec3, Vec3),
     /// Mean emission by material; few have any.
@@ -323,6 +386,7 @@ impl Build<'_> {
         let area = part.area * solid.len() as f32 / TARGETS as f32;
         let speakers = Speaker::chosen(&solid, &seen, seed);
         let sub_samples = speakers.map(|speaker| speaker.sub_sample(self.scene, self.geometry));
+        let diffuse = speakers.map(|speaker| speaker.diffuse_part(self.scene, self.geometry));
         let typical = Speaker::typical(&speakers, area);
         let middle = match solid.len() {
             TARGETS => part.cell.middle(self.geometry),
@@ -357,6 +421,7 @@ impl Build<'_> {
                 reserved2: 0,
             },
             sub_samples,
+            diffuse,
             middle,
             emitted,
             targets: std::array::from_fn(|i| {

@@ -13,11 +13,12 @@ mod tree;
 mod view;
 
 pub use cloud::{
-    CellMap, CloudMethod, CloudSettings, Emitted, GatherCloud, GatherSample, SUB_SAMPLES, SubSample, TARGETS,
+    CellMap, CloudMethod, CloudSettings, DiffusePart, Emitted, GatherCloud, GatherSample, SUB_SAMPLES,
+    SubSample, TARGETS,
 };
 pub use illumination::{CloudLight, illuminate};
 pub use packed::{PackedNormal, PackedUnit};
 pub use receivers::{Gloss, Receiver, Receivers};
 pub(crate) use tree::{cluster_order, ordering_steps};
 pub(crate) use view::QUAD;
-pub use view::{ViewHits, ViewSample, ViewSamples, edge_pixels};
+pub use view::{ViewHits, ViewSample, ViewSamples, edge_pixels, kept_base_color};

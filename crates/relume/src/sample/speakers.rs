@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3};
 
 use super::cells::at;
 use super::sightings::Sighting;
-use super::{PackedNormal, PackedUnit, SUB_SAMPLES, SubSample};
+use super::{DiffusePart, PackedNormal, PackedUnit, SUB_SAMPLES, SubSample};
 use crate::scene::{Geometry, Scene};
 use crate::shade::{self, Surface};
 use crate::trace::sampling::{hash, unit};
@@ -110,6 +110,12 @@ impl Speaker {
             albedo: PackedUnit::new(surface.hemispherical_reflectance()),
             weight: (self.weight * 65535.0).round() as u16,
         }
+    }
+
+    pub(super) fn diffuse_part(&self, scene: &Scene, geometry: &Geometry) -> DiffusePart {
+        let surface = self.surface(scene, geometry);
+        let white = surface.with_base_color(Vec3::ONE).hemispherical_diffuse();
+        DiffusePart::new(PackedUnit::new(white), surface.material)
     }
 }
 

@@ -23,7 +23,8 @@ pub struct ViewSample {
     pub shading_normal: PackedNormal,
     /// The triangle's normal, towards the camera.
     pub geometric_normal: PackedNormal,
-    /// `k_d`: diffuse albedo with the share of the specular lobe taken off; dimensionless.
+    /// `k_d`: diffuse albedo with the share of the specular lobe taken off; dimensionless. Under the base colour that
+    /// [`kept_base_color`] says, which is nearly always the material's own.
     pub diffuse: PackedUnit,
     /// Perceptual roughness, `65535` is 1; 0 where no light is reflected.
     roughness: u16,
@@ -35,6 +36,16 @@ pub struct ViewSample {
     pub material: u32,
     /// Object number.
     pub object: u32,
+}
+
+/// Base colours darker than this are not what view samples keep `k_d` for. Smaller, and a rig that makes a dark material bright would
+/// bring out the steps of sixteen bits: of the brightest texel they are now a thousandth, a quarter of those of an 8-bit texture.
+const DARKEST_KEPT: f32 = 1.0 / 64.0;
+
+/// The base colour factor, linear RGB, under which a [`ViewSample`] keeps `k_d`: the material's own, so that nothing has to be applied
+/// where it is not edited; 1 in channels that are so dark, or black, that nothing would be left of the texture.
+pub fn kept_base_color(base_color: Vec3) -> Vec3 {
+    Vec3::select(base_color.cmpge(Vec3::splat(DARKEST_KEPT)), base_color, Vec3::ONE)
 }
 
 fn unorm(value: f32) -> u16 {
@@ -56,14 +67,18 @@ impl ViewSample {
         object: u32::MAX,
     };
 
-    fn new(surface: &Surface, camera: Vec3) -> Self {
+    /// `base_color` is the material's factor.
+    fn new(surface: &Surface, camera: Vec3, base_color: Vec3) -> Self {
         let to_camera = (camera - surface.position).normalize_or(surface.geometric_normal);
+        let cos_view = to_camera.dot(surface.shading_normal);
+        let (own, white) = (surface.diffuse(cos_view), surface.with_base_color(Vec3::ONE).diffuse(cos_view));
+        let diffuse = Vec3::select(kept_base_color(base_color).cmpeq(base_color), own, white);
         Self {
             position: surface.position,
             depth: camera.distance(surface.position),
             shading_normal: PackedNormal::new(surface.shading_normal),
             geometric_normal: PackedNormal::new(surface.geometric_normal),
-            diffuse: PackedUnit::new(surface.diffuse(to_camera.dot(surface.shading_normal))),
+            diffuse: PackedUnit::new(diffuse),
             roughness: if surface.lit { unorm(surface.roughness).max(1) } else { 0 },
             specular: PackedUnit::new(surface.specular_f0),
             grazing: unorm(surface.specular_f90),
@@ -82,13 +97,15 @@ impl ViewSample {
         self.roughness != 0
     }
 
-    /// The surface as shading wants it. Its albedo is `k_d` already: its specular share is taken off.
+    /// The surface as shading wants it. Its albedo is [`Self::diffuse`] already: its specular share is taken off. Of its white albedo
+    /// nothing is known.
     pub fn surface(&self) -> Surface {
         Surface {
             position: self.position,
             geometric_normal: self.geometric_normal.get(),
             shading_normal: self.shading_normal.get(),
             diffuse_albedo: self.diffuse.get(),
+            white_albedo: Vec3::ZERO,
             specular_f0: self.specular.get(),
             specular_f90: f32::from(self.grazing) * (1.0 / 65535.0),
             dielectric_specular: 0.0,
@@ -179,7 +196,8 @@ impl ViewSamples {
                 if surface.emission != Vec3::ZERO && surface.lit {
                     emission.push((first + index as u32, surface.emission));
                 }
-                ViewSample::new(&surface, camera.position())
+                let base_color = scene.materials[surface.material as usize].base_color.truncate();
+                ViewSample::new(&surface, camera.position(), base_color)
             });
             Row { samples: samples.collect(), emission, hits }
         };

@@ -1,8 +1,6 @@
-use std::collections::{BTreeSet, HashMap};
-
 use glam::Vec3;
 
-use crate::Error;
+use super::{Emitter, MaterialEdit};
 
 /// A light source, and whether it shines.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,92 +60,8 @@ pub struct LightRig {
     pub lights: Vec<Light>,
     /// Emissive materials that shine otherwise than in the scene, each at most once.
     pub emitters: Vec<Emitter>,
-}
-
-/// How an emissive material shines.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Emitter {
-    /// The material's name in the scene; all materials of that name are meant.
-    pub material: String,
-    /// What its emission is multiplied by, linear RGB, not negative.
-    pub scale: Vec3,
-}
-
-/// What is wrong with one of a rig's emitters.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct EmitterFault {
-    /// Which of [`LightRig::emitters`].
-    pub emitter: usize,
-    /// One sentence.
-    pub message: String,
-}
-
-impl From<EmitterFault> for Error {
-    fn from(fault: EmitterFault) -> Self {
-        Self::Setting(fault.message)
-    }
-}
-
-impl LightRig {
-    /// Which of [`Self::emitters`] each of `materials` follows: their names, and whether they emit anything in the scene.
-    ///
-    /// # Errors
-    /// [`EmitterFault`] for the first emitter that names no material, or none that emits, repeats an earlier one, or has a scale that is
-    /// negative or no number.
-    pub fn emitters_of<'m>(
-        &self,
-        materials: impl Iterator<Item = (&'m str, bool)>,
-    ) -> Result<Vec<Option<usize>>, EmitterFault> {
-        let mut by_name: HashMap<&str, usize> = HashMap::new();
-        for (emitter, Emitter { material, scale }) in self.emitters.iter().enumerate() {
-            let fault = |message: String| Err(EmitterFault { emitter, message });
-            if by_name.insert(material, emitter).is_some() {
-                return fault(format!("emitter `{material}`: an earlier one names this material too"));
-            }
-            if !scale.is_finite() || scale.min_element() < 0.0 {
-                return fault(format!(
-                    "emitter `{material}`: `scale` must be three finite numbers, none negative"
-                ));
-            }
-        }
-        let (mut known, mut shining) = (vec![false; self.emitters.len()], vec![false; self.emitters.len()]);
-        let mut names: BTreeSet<&str> = BTreeSet::new();
-        let mut of_materials = Vec::new();
-        for (name, emits) in materials {
-            let emitter = by_name.get(name).copied();
-            if let Some(emitter) = emitter {
-                known[emitter] = true;
-                shining[emitter] |= emits;
-            }
-            if emits && !name.is_empty() {
-                names.insert(name);
-            }
-            of_materials.push(emitter);
-        }
-        if let Some(emitter) = shining.iter().position(|shines| !shines) {
-            let name = &self.emitters[emitter].material;
-            let what =
-                if known[emitter] { "this material emits nothing" } else { "no material has this name" };
-            return Err(EmitterFault {
-                emitter,
-                message: format!("emitter `{name}`: {what}; {}", listed(&names)),
-            });
-        }
-        Ok(of_materials)
-    }
-}
-
-/// Most names of materials that a message lists.
-const LISTED: usize = 12;
-
-fn listed(names: &BTreeSet<&str>) -> String {
-    if names.is_empty() {
-        return "the scene has no named material that shines".to_owned();
-    }
-    let first: Vec<String> = names.iter().take(LISTED).map(|name| format!("`{name}`")).collect();
-    let more =
-        if names.len() > LISTED { format!(" and {} more", names.len() - LISTED) } else { String::new() };
-    format!("those that shine are {}{more}", first.join(", "))
+    /// Materials of another base colour than in the scene, each at most once.
+    pub materials: Vec<MaterialEdit>,
 }
 
 impl Light {

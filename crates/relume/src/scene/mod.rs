@@ -6,12 +6,14 @@ mod camera;
 mod geometry;
 mod light;
 mod material;
+mod named;
 mod texture;
 
 pub use camera::Camera;
 pub use geometry::Geometry;
-pub use light::{Emitter, EmitterFault, Light, LightKind, LightRig};
+pub use light::{Light, LightKind, LightRig};
 pub use material::{AlphaMode, Material, TextureRef};
+pub use named::{Emitter, MaterialEdit, NamedFault, NamedList};
 pub use texture::{ColorSpace, Texture, Wrap};
 
 use glam::{Affine3A, Vec2, Vec3, Vec4};
@@ -69,7 +71,7 @@ pub struct Scene {
 
 impl Scene {
     /// The materials by their names, and whether they emit light.
-    pub fn named_materials(&self) -> impl Iterator<Item = (&str, bool)> {
+    pub fn named_materials(&self) -> impl Iterator<Item = (&str, bool)> + Clone {
         self.materials.iter().map(|material| (material.name.as_str(), material.emission != Vec3::ZERO))
     }
 }

@@ -49,8 +49,14 @@ impl Surface {
     /// lobes averaged over view directions, cosine-weighted.
     pub fn hemispherical_reflectance(&self) -> Vec3 {
         let pair = energy::table().average_pair(self.roughness);
+        self.hemispherical_diffuse() + self.specular_f0 * pair.x + self.specular_f90 * pair.y
+    }
+
+    /// The diffuse lobe's part of [`Self::hemispherical_reflectance`]: what is linear in the base colour factor.
+    pub fn hemispherical_diffuse(&self) -> Vec3 {
+        let pair = energy::table().average_pair(self.roughness);
         let taken = self.dielectric_specular * (DIELECTRIC_F0 * pair.x + pair.y);
-        self.diffuse_albedo * (1.0 - taken) + self.specular_f0 * pair.x + self.specular_f90 * pair.y
+        self.diffuse_albedo * (1.0 - taken)
     }
 
     fn fresnel(&self, cos: f32) -> Vec3 {

@@ -14,6 +14,7 @@ fn surface(roughness: f32, metallic: f32, color: Vec3) -> Surface {
         geometric_normal: Vec3::Y,
         shading_normal: Vec3::Y,
         diffuse_albedo: color * (1.0 - metallic),
+        white_albedo: Vec3::splat(1.0 - metallic),
         specular_f0: Vec3::splat(0.04).lerp(color, metallic),
         specular_f90: 1.0,
         dielectric_specular: 1.0,

@@ -200,6 +200,7 @@ mod tests {
             geometric_normal: NORMAL,
             shading_normal: NORMAL,
             diffuse_albedo: Vec3::ZERO,
+            white_albedo: Vec3::ZERO,
             specular_f0: Vec3::splat(0.3),
             specular_f90: 1.0,
             dielectric_specular: 0.0,

@@ -25,6 +25,8 @@ pub struct Surface {
     /// Base colour times `1 - metallic`, textures applied, before the specular lobe takes its share:
     /// [`Self::diffuse`] is what the diffuse lobe reflects.
     pub diffuse_albedo: Vec3,
+    /// What [`Self::diffuse_albedo`] would be were [`Material::base_color`] white: textures and `1 - metallic` alone.
+    pub white_albedo: Vec3,
     /// Specular reflectance along the normal: the dielectric's, mixed to the base colour by metallic.
     pub specular_f0: Vec3,
     /// Specular reflectance at grazing angles; 1 but for [`Material::specular`].
@@ -82,6 +84,7 @@ pub fn surface_on_triangle(
         geometric_normal: side * point.geometric_normal,
         shading_normal: side * point.shading_normal(scene, geometry, material),
         diffuse_albedo: Vec3::ZERO,
+        white_albedo: Vec3::ZERO,
         specular_f0: Vec3::ZERO,
         specular_f90: 0.0,
         dielectric_specular: 0.0,
@@ -107,12 +110,21 @@ fn turned_into_view(normal: Vec3, view: Vec3) -> Vec3 {
 }
 
 impl Surface {
+    /// The surface with this base colour factor, linear RGB, in place of its material's, in its diffuse lobe alone: the specular one
+    /// stays as it is, that of metals too.
+    #[must_use]
+    pub fn with_base_color(&self, base_color: Vec3) -> Self {
+        Self { diffuse_albedo: self.white_albedo * base_color, ..*self }
+    }
+
     fn apply_material(&mut self, scene: &Scene, material: &Material, uv: Vec2) {
-        let base_color = material.base_color.truncate() * texture_rgb(scene, material.base_color_texture, uv);
+        let texel = texture_rgb(scene, material.base_color_texture, uv);
+        let base_color = material.base_color.truncate() * texel;
         let factors = texture_rgb(scene, material.metallic_roughness_texture, uv);
         let metallic = (material.metallic * factors.z).clamp(0.0, 1.0);
         let specular = material.specular.clamp(0.0, 1.0);
         self.diffuse_albedo = base_color * (1.0 - metallic);
+        self.white_albedo = texel * (1.0 - metallic);
         self.specular_f0 = Vec3::splat(DIELECTRIC_F0 * specular).lerp(base_color, metallic);
         self.specular_f90 = specular + (1.0 - specular) * metallic;
         self.dielectric_specular = specular;

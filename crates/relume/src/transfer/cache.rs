@@ -141,6 +141,7 @@ impl Transfer {
         tensors.add("view.rows_of_quads", Dtype::U32, &[], &self.rows_of_quads);
         tensors.add("cloud.samples", Dtype::U8, &[64], &self.cloud.samples);
         tensors.add("cloud.sub_samples", Dtype::U8, &[24], &self.cloud.sub_samples);
+        tensors.add("cloud.diffuse", Dtype::U8, &[10], &self.cloud.diffuse);
         tensors.add("cloud.emitted", Dtype::U8, &[20], &self.cloud.emitted);
         tensors.add_operator("gather", &self.gather);
         if let Some(glossy) = &self.glossy {
@@ -359,6 +360,9 @@ impl<'a> Opened<'a> {
         };
         let pixels = width.checked_mul(height);
         let materials = self.header.report.materials.len();
+        let known = |samples: &[ViewSample]| {
+            samples.par_iter().all(|sample| !sample.is_lit() || (sample.material as usize) < materials)
+        };
         let emits = |samples: &[ViewSample], emission: &[(u32, Vec3)]| {
             emission.iter().all(|&(index, radiance)| {
                 let sample = samples.get(index as usize);
@@ -367,6 +371,8 @@ impl<'a> Opened<'a> {
         };
         let fits = pixels == Some(view.centers.len())
             && pixels.and_then(|pixels| pixels.checked_mul(4)) == Some(view.quads.len())
+            && known(&view.centers)
+            && known(&view.quads)
             && emits(&view.centers, &view.center_emission)
             && emits(&view.quads, &view.quad_emission);
         if fits { Ok(view) } else { Err(self.refuse("view")) }
@@ -376,6 +382,7 @@ impl<'a> Opened<'a> {
         let cloud = GatherCloud {
             samples: self.values("cloud.samples")?,
             sub_samples: self.values("cloud.sub_samples")?,
+            diffuse: self.values("cloud.diffuse")?,
             emitted: self.values("cloud.emitted")?,
         };
         let materials = self.header.report.materials.len();
@@ -387,6 +394,8 @@ impl<'a> Opened<'a> {
         let fits = cloud.len().is_power_of_two()
             && cloud.len().trailing_zeros().is_multiple_of(2)
             && cloud.sub_samples.len() == SUB_SAMPLES * cloud.len()
+            && cloud.diffuse.len() == cloud.sub_samples.len()
+            && cloud.diffuse.iter().all(|part| (part.material() as usize) < materials)
             && cloud.emitted.iter().all(known)
             && cloud.emitted.is_sorted_by(|a, b| {
                 a.sample < b.sample || (a.sample == b.sample && a.material != b.material)
@@ -431,6 +440,10 @@ impl<'a> Opened<'a> {
     }
 
     fn transfer(self) -> Result<Transfer> {
+        let Report { materials, base_colors, .. } = &self.header.report;
+        if base_colors.len() != materials.len() || !base_colors.iter().all(|&rgb| is_light(Vec3::from(rgb))) {
+            return Err(self.refuse("base_colors"));
+        }
         let (view, cloud) = (self.view()?, self.cloud()?);
         let gather = self.operator("gather", &self.header.gather, cloud.len())?;
         let glossy = self.header.glossy.as_ref();

@@ -76,6 +76,8 @@ pub struct Report {
     pub scene: String,
     /// Names of the scene's materials, by number.
     pub materials: Vec<String>,
+    /// Their base colour factors, linear RGB, `0..=1` each: what a rig's edits take the place of.
+    pub base_colors: Vec<[f32; 3]>,
     /// Numbers of those that emit light, ascending, whether the shot has any of it or not.
     pub emissive: Vec<u32>,
     /// xxh3 hash of all that was read of the scene: geometry, materials, textures, camera.
@@ -105,7 +107,7 @@ pub struct Timings {
 
 impl Report {
     /// The scene's materials by their names, and whether they emit light.
-    pub fn named_materials(&self) -> impl Iterator<Item = (&str, bool)> {
+    pub fn named_materials(&self) -> impl Iterator<Item = (&str, bool)> + Clone {
         let emits = |number: u32| self.emissive.binary_search(&number).is_ok();
         (0..).zip(&self.materials).map(move |(number, name)| (name.as_str(), emits(number)))
     }
@@ -152,6 +154,18 @@ impl Transfer {
         let quads = view.quad_emission.iter().map(|&(index, _)| view.quads[index as usize].material);
         let cloud = self.cloud.emitted.iter().map(|part| part.material);
         centers.chain(quads).chain(cloud).collect::<BTreeSet<u32>>().into_iter().collect()
+    }
+
+    /// Numbers of the materials that the camera sees or that reflect light to what it sees, ascending: those whose edits show.
+    pub fn shown_materials(&self) -> Vec<u32> {
+        let samples = self.view.centers.iter().chain(&self.view.quads).filter(|sample| sample.is_lit());
+        let cloud =
+            self.cloud.diffuse.iter().zip(&self.cloud.sub_samples).filter(|(_, sub)| sub.weight() > 0.0);
+        let mut shown = vec![false; self.report.materials.len()];
+        for material in samples.map(|sample| sample.material).chain(cloud.map(|(part, _)| part.material())) {
+            shown[material as usize] = true;
+        }
+        (0..).zip(shown).filter(|&(_, shown)| shown).map(|(material, _)| material).collect()
     }
 
     /// Pixels whose centre reflects light.

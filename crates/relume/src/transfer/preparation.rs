@@ -218,6 +218,12 @@ impl<'a> Preparation<'a> {
             settings: settings.clone(),
             scene: self.name,
             materials: self.scene.materials.iter().map(|material| material.name.clone()).collect(),
+            base_colors: self
+                .scene
+                .materials
+                .iter()
+                .map(|material| material.base_color.truncate().to_array())
+                .collect(),
             emissive: (0..)
                 .zip(&self.scene.materials)
                 .filter(|(_, material)| material.emission != Vec3::ZERO)

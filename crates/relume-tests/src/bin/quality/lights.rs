@@ -7,7 +7,7 @@ use relume::glam::Vec3;
 use relume::image::Layers;
 use relume::reference::{Paths, Settings, render};
 use relume::{Error, Light, LightKind, LightRig, Result};
-use relume_io::load_rig;
+use relume_io::{check_materials, load_rig};
 
 use crate::arguments::no_folder;
 use crate::shot::Shot;
@@ -104,6 +104,7 @@ pub(crate) fn from_rigs(shot: &Shot, rigs: &Path) -> Result<Vec<Case>> {
                 "has emitters; what surfaces emit is a case of its own, so take them out",
             ));
         }
+        check_materials(&rig, path, shot.scene.named_materials())?;
         Ok(Case { name, rig, emission: false })
     };
     let cases = paths.iter().map(read).collect::<Result<Vec<_>>>()?;

@@ -56,7 +56,9 @@ impl Operator {
     /// `F g` from coefficients weighted with [`Self::weights`].
     pub fn apply_coefficients(&self, coefficients: &Coefficients, out: &mut [Vec3]) {
         match &self.matrix {
-            Matrix::LowRank(matrix) => matrix.apply(coefficients, out),
+            Matrix::LowRank(matrix) => {
+                matrix.apply(coefficients, None, out);
+            }
             Matrix::HaarRows(matrix) => matrix.apply(coefficients, out),
         }
     }

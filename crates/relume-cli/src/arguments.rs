@@ -32,6 +32,20 @@ impl Threads {
     }
 }
 
+/// `--cull`.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct Culling {
+    /// Leave out what adds next to nothing under a light: an error to accept, as 0.01; 0 leaves out nothing [default: as
+    /// suits the encoding].
+    #[arg(long = "cull", value_name = "EPSILON", allow_negative_numbers = true, value_parser = share)]
+    pub(crate) epsilon: Option<f32>,
+}
+
+fn share(text: &str) -> Result<f32, String> {
+    let number = text.parse().ok().filter(|number| (0.0..=1.0).contains(number));
+    number.ok_or_else(|| "must be a number from 0 to 1".to_owned())
+}
+
 /// `--only`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Part {

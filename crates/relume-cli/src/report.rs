@@ -41,6 +41,12 @@ pub(crate) fn count(number: u64) -> String {
     grouped
 }
 
+/// How much of the transfer was applied.
+pub(crate) fn culled(multiply_adds: u64, culled: u64) -> String {
+    let share = culled as f64 / multiply_adds.max(1) as f64;
+    format!("{} multiply-adds a colour, {} of them culled", count(multiply_adds), percent(share))
+}
+
 /// `count` and the noun that goes with it.
 pub(crate) fn plural(number: usize, one: &str, many: &str) -> String {
     format!("{} {}", count(number as u64), if number == 1 { one } else { many })

@@ -8,7 +8,8 @@ use relume::image::Layers;
 use relume::relight::RelightSettings;
 use relume::sample::Receivers;
 use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef, Wrap};
-use relume::transfer::{Encoding, FORMAT_VERSION, Quality, Settings};
+use relume::transfer::haar_blocks::{ATLAS, HaarBlocks};
+use relume::transfer::{Encoding, FORMAT_VERSION, Matrix, Quality, Settings};
 use relume::{Error, Transfer};
 use relume_tests::prepared::{prepare, relight_afresh};
 use relume_tests::scenes::{SceneBuilder, TestScene, emissive, lambertian, omni, rig};
@@ -103,7 +104,7 @@ impl Saved {
 
 #[test]
 fn what_is_loaded_relights_as_what_was_saved() {
-    for encoding in [Encoding::LowRank, Encoding::HaarRows] {
+    for encoding in [Encoding::LowRank, Encoding::HaarRows, Encoding::HaarBlocks] {
         let transfer = small(encoding);
         let saved = Saved::new(&transfer);
         let loaded = Transfer::load(saved.path()).unwrap();
@@ -147,7 +148,13 @@ fn every_truncation_is_refused() {
 
 #[test]
 fn flipped_bytes_are_refused() {
-    let saved = Saved::new(&small(Encoding::LowRank));
+    for encoding in [Encoding::LowRank, Encoding::HaarBlocks] {
+        flipped_bytes_of(encoding);
+    }
+}
+
+fn flipped_bytes_of(encoding: Encoding) {
+    let saved = Saved::new(&small(encoding));
     let (all, header) = (saved.bytes.len(), saved.header_length());
     // the header's every seventh byte, and two hundred spread over the arrays
     let places = (0..8)
@@ -206,6 +213,36 @@ fn rows_that_are_not_there_are_refused() {
     }
     let saved = saved(none);
     assert!(saved.load(&saved.bytes).is_ok(), "nothing that is lit is no mistake");
+}
+
+/// The same, with blocks that reach past their atlas, or rows that lie at one place.
+#[test]
+fn blocks_that_cannot_be_are_refused() {
+    let transfer = small(Encoding::HaarBlocks);
+    let altered = |change: &dyn Fn(&mut HaarBlocks)| {
+        let mut altered = transfer.clone();
+        match &mut altered.bounce.matrix {
+            Matrix::HaarBlocks(matrix) => change(matrix),
+            other => panic!("{other:?}"),
+        }
+        Saved::new(&altered)
+    };
+    let changes: [&dyn Fn(&mut HaarBlocks); 3] = [
+        &|matrix| matrix.texels = matrix.texels[..matrix.texels.len() - ATLAS].to_vec().into(),
+        &|matrix| {
+            let mut blocks = matrix.blocks.to_vec();
+            blocks[0].coefficient = 256;
+            matrix.blocks = blocks.into();
+        },
+        &|matrix| matrix.layout.places = vec![0; matrix.layout.places.len()].into(),
+    ];
+    for change in changes {
+        let saved = altered(change);
+        let sentence = saved.refusal(&saved.bytes, "impossible blocks");
+        assert!(sentence.contains("bounce"), "{sentence}");
+    }
+    let saved = altered(&|_| {});
+    assert!(saved.load(&saved.bytes).is_ok());
 }
 
 /// The same, with emission of samples or materials that are not there, or that is no light.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use relume::glam::Vec3;
 use relume::relight::RelightSettings;
-use relume::transfer::{Encoding, RowMethod, Settings};
+use relume::transfer::{Encoding, RowMethod, Selection, Settings};
 use relume::{LightKind, LightRig};
 use relume_tests::prepared::{prepare, relight_afresh, tiny};
 use relume_tests::scenes::{hall, metal, omni, rig, spot};
@@ -38,6 +38,7 @@ fn threads_change_no_byte() {
     let ways = [
         tiny(),
         Settings { encoding: Encoding::HaarRows, ..tiny() },
+        Settings { encoding: Encoding::HaarBlocks, selection: Some(Selection::Prior), ..tiny() },
         Settings { rows: RowMethod::Paper, ..tiny() },
     ];
     for settings in ways {

@@ -147,7 +147,7 @@ fn reflections_add_up() {
     };
     let (a, b) = (light(1), light(2));
     let both: Vec<Vec3> = a.iter().zip(&b).map(|(a, b)| 2.0 * *a - *b).collect();
-    let [a, b, both] = [a, b, both].map(|light| transfer.gather_from(&light));
+    let [a, b, both] = [a, b, both].map(|light| transfer.gather_from(&light, 0.0));
     let glossy = transfer.glossy.as_ref().expect("metal reflects");
     assert_eq!(a.0, transfer.gather.apply(&light(1)));
     let [a, b, both] = [a, b, both].map(|light| light.1.expect("metal reflects"));

@@ -52,11 +52,18 @@ fn same(a: &Layers, b: &Layers) -> bool {
     a.direct == b.direct && a.indirect == b.indirect
 }
 
+/// Also where what is faint is culled, which is decided light by light.
 #[test]
 fn lights_add_up() {
-    let (transfer, lights, settings) = (shot(), lights(), RelightSettings::default());
+    for cull in [Some(0.0), None, Some(0.2)] {
+        lights_add_up_with(&RelightSettings { cull, ..RelightSettings::default() });
+    }
+}
+
+fn lights_add_up_with(settings: &RelightSettings) {
+    let (transfer, lights) = (shot(), lights());
     let (a, b) = (2.5, 0.3);
-    let relit = |rig: &LightRig| relight_afresh(&transfer, rig, &settings);
+    let relit = |rig: &LightRig| relight_afresh(&transfer, rig, settings);
     let both = LightRig {
         lights: vec![
             lights.lights[0].with_color(a * lights.lights[0].color()),
@@ -300,8 +307,9 @@ fn small_steps_of_a_light_are_small_steps_of_the_image() {
     let omni_at = |position: Vec3| omni(position, Vec3::splat(10.0), 0.0);
     let kinds: [(&str, &dyn Fn(Vec3) -> LightKind); 2] = [("omni", &omni_at), ("spot", &spot_at)];
     for (name, kind) in kinds {
-        for bounces in [Some(1), None] {
-            let settings = RelightSettings { bounces, only: Only::Indirect, ..RelightSettings::default() };
+        for (bounces, cull) in [(Some(1), None), (None, None), (None, Some(0.02)), (None, Some(0.0))] {
+            let settings =
+                RelightSettings { bounces, only: Only::Indirect, cull, ..RelightSettings::default() };
             let frames: Vec<Image> = (0..40)
                 .map(|step| {
                     let position = from + Vec3::new(1e-3, 2e-4, -4e-4) * step as f32;
@@ -313,7 +321,9 @@ fn small_steps_of_a_light_are_small_steps_of_the_image() {
             let along = relative_l2(&frames[39], &frames[0]).unwrap();
             steps.sort_by(f64::total_cmp);
             let (median, worst) = (steps[steps.len() / 2], steps[steps.len() - 1]);
-            println!("{name}, {bounces:?}: a step {median:.5}, worst {worst:.5}, all the way {along:.4}");
+            println!(
+                "{name}, {bounces:?}, {cull:?}: a step {median:.5}, worst {worst:.5}, all the way {along:.4}"
+            );
             assert!(worst < STEP, "{name}: a millimetre changes {worst}");
             assert!(along > 4.0 * median, "{name}: the light moved");
         }

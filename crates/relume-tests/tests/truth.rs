@@ -47,8 +47,12 @@ impl Shot {
 
     /// For each light the error of the indirect image after `bounces`, were it relit by `transfer` and as `lit_by` says.
     fn errors(&self, transfer: &Arc<Transfer>, bounces: u32, lit_by: impl Fn(usize) -> usize) -> Vec<f64> {
-        let settings =
-            RelightSettings { bounces: Some(bounces), aa: 1, only: Only::Indirect, per_light: false };
+        let settings = RelightSettings {
+            bounces: Some(bounces),
+            aa: 1,
+            only: Only::Indirect,
+            ..RelightSettings::default()
+        };
         (0..self.truths.len())
             .map(|light| {
                 let layers = relight_afresh(transfer, &self.truths[lit_by(light)].0, &settings);
@@ -93,7 +97,8 @@ fn indirect_light_agrees_with_the_path_tracer() {
     }
     // what the cache says of its encoding is neither flattery nor fear
     let told = low_rank.report.gather_error;
-    let settings = RelightSettings { bounces: Some(1), aa: 1, only: Only::Indirect, per_light: false };
+    let settings =
+        RelightSettings { bounces: Some(1), aa: 1, only: Only::Indirect, ..RelightSettings::default() };
     let lost = lights().into_iter().map(|light| {
         let lights = rig([light]);
         let [exact, encoded] =

@@ -10,9 +10,9 @@ use relume::{Error, Light, LightKind, LightRig, Relighter, Result, Transfer};
 use relume_io::{check_materials, load_rig};
 use serde::Serialize;
 
-use crate::arguments::{Threads, antialiasing};
+use crate::arguments::{Culling, Threads, antialiasing};
 use crate::console::Console;
-use crate::report::{Table, bytes, count, plural};
+use crate::report::{Table, bytes, count, culled, plural};
 
 /// Measure a relit frame, stage by stage, while one light moves and the others stay.
 ///
@@ -38,6 +38,8 @@ pub(crate) struct Arguments {
     /// Direct samples along each side of a pixel: 1 or 2.
     #[arg(long, value_name = "1|2", default_value = "2", value_parser = antialiasing)]
     aa: u32,
+    #[command(flatten)]
+    cull: Culling,
     #[command(flatten)]
     threads: Threads,
     /// Print one JSON object on stdout.
@@ -83,6 +85,10 @@ struct Figures<'a> {
     color_change_ms: f64,
     shadow_rays: u64,
     bounce_steps: u32,
+    /// Of each colour, in bounces and final gather.
+    multiply_adds: u64,
+    /// Those of them that were culled.
+    culled: u64,
     /// Of all operators, as often as each is applied in a frame.
     transfer_bytes_per_frame: u64,
     /// These bytes over the time of bounces within the cloud and of the final gather.
@@ -98,7 +104,12 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         check_materials(&rig, &arguments.rig, transfer.report.named_materials())?;
         Ok(Relighter::new(transfer))
     })?;
-    let settings = RelightSettings { bounces: arguments.bounces, aa: arguments.aa, ..Default::default() };
+    let settings = RelightSettings {
+        bounces: arguments.bounces,
+        aa: arguments.aa,
+        cull: arguments.cull.epsilon,
+        ..Default::default()
+    };
     relighter.relight(&rig, &settings)?;
     let first_frame_ms = relighter.stats().frame_ms;
     let still = rig.lights[moving].clone();
@@ -215,6 +226,8 @@ impl Figures<'_> {
             color_change_ms: median(recolored, |frame| frame.frame_ms),
             shadow_rays: median(moved, |frame| frame.shadow_rays as f64) as u64,
             bounce_steps: steps as u32,
+            multiply_adds: median(moved, |frame| frame.multiply_adds as f64) as u64,
+            culled: median(moved, |frame| frame.culled as f64) as u64,
             transfer_bytes_per_frame: touched as u64,
             transfer_gb_per_s: touched / (applying * 1e6),
         }
@@ -249,6 +262,7 @@ impl std::fmt::Display for Figures<'_> {
             table.line(name, format!("{value:.2}"));
         }
         writeln!(f, "{table}")?;
+        writeln!(f, "{}", culled(self.multiply_adds, self.culled))?;
         write!(
             f,
             "{} shadow rays, {} bounce steps, {} of transfer a frame at {:.2} GB/s",

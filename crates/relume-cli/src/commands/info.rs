@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use relume::scene::Geometry;
-use relume::transfer::{FORMAT_VERSION, Report};
+use relume::transfer::{FORMAT_VERSION, Matrix, Operator, Report};
 use relume::{Camera, Error, Light, LightKind, LightRig, Result, Transfer};
 use relume_io::{Imported, save_rig};
 use serde::Serialize;
 
 use crate::console::Console;
 use crate::output::{check_output, ending};
-use crate::report::{Table, bytes, count, plural};
+use crate::report::{Table, bytes, count, percent, plural};
 use crate::scene_file;
 
 use super::prepare::encoding_errors;
@@ -261,6 +261,8 @@ struct CacheContents<'a> {
     shown_materials: Vec<NamedColor<'a>>,
     /// Sizes in memory, which are those in the file but for its header.
     parts: Parts,
+    /// How wavelet lights are packed, with `haar-blocks`.
+    blocks: Blocks,
     #[serde(flatten)]
     report: &'a Report,
 }
@@ -296,6 +298,62 @@ impl Parts {
     }
 }
 
+/// Of each operator; `null` in other encodings.
+#[derive(Serialize)]
+struct Blocks {
+    gather: Option<Packed>,
+    glossy: Option<Packed>,
+    bounce: Option<Packed>,
+}
+
+/// Images of wavelet lights in their atlases.
+#[derive(Serialize)]
+struct Packed {
+    blocks: usize,
+    atlases: usize,
+    /// Texels of the atlases.
+    texels: usize,
+    /// Those that belong to a block.
+    used: usize,
+    /// Those of them that stand for zero: of coefficients that their row does not keep, or of no row at all. In `haar-rows` they would
+    /// not be stored.
+    zeros: usize,
+}
+
+impl Blocks {
+    fn of(transfer: &Transfer) -> Self {
+        let packed = |operator: &Operator| match &operator.matrix {
+            Matrix::HaarBlocks(matrix) => Some(Packed {
+                blocks: matrix.blocks.len(),
+                atlases: matrix.atlases(),
+                texels: matrix.texels.len(),
+                used: matrix.used_texels(),
+                zeros: matrix.zeros(),
+            }),
+            Matrix::LowRank(_) | Matrix::HaarRows(_) => None,
+        };
+        Self {
+            gather: packed(&transfer.gather),
+            glossy: transfer.glossy.as_ref().and_then(packed),
+            bounce: packed(&transfer.bounce),
+        }
+    }
+}
+
+impl std::fmt::Display for Packed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let share = |part: usize, whole: usize| percent(part as f64 / whole.max(1) as f64);
+        write!(
+            f,
+            "{} in {}, {} full, {} of it zeros",
+            plural(self.blocks, "block", "blocks"),
+            plural(self.atlases, "atlas", "atlases"),
+            share(self.used, self.texels),
+            share(self.zeros, self.used)
+        )
+    }
+}
+
 impl<'a> CacheContents<'a> {
     fn new(path: &'a Path, transfer: &'a Transfer) -> Result<Self> {
         Ok(Self {
@@ -315,6 +373,7 @@ impl<'a> CacheContents<'a> {
                 base_color: transfer.report.base_colors[number as usize],
             })),
             parts: Parts::of(transfer),
+            blocks: Blocks::of(transfer),
             report: &transfer.report,
         })
     }
@@ -351,11 +410,12 @@ impl std::fmt::Display for CacheContents<'_> {
         table.line(
             "prepared with",
             format!(
-                "camera {}, {} gather samples, quality {}, encoding {}, rows {}, seed {}",
+                "camera {}, {} gather samples, quality {}, encoding {}, selection {}, rows {}, seed {}",
                 settings.camera,
                 count(self.gather_samples as u64),
                 setting_name(settings.quality),
                 setting_name(settings.encoding),
+                setting_name(settings.selection()),
                 setting_name(settings.rows),
                 settings.seed
             ),
@@ -365,9 +425,14 @@ impl std::fmt::Display for CacheContents<'_> {
         }
         add_materials(&mut table, &self.shown_materials);
         table.line("transfer", format!("{:.1} bytes a pixel", self.bytes_per_pixel));
-        table.line("  diffuse gather", size(parts.gather_bytes));
-        table.line("  glossy gather", size(parts.glossy_bytes));
-        table.line("  bounces", size(parts.bounce_bytes));
+        for (name, size_in_bytes, blocks) in [
+            ("  diffuse gather", parts.gather_bytes, &self.blocks.gather),
+            ("  glossy gather", parts.glossy_bytes, &self.blocks.glossy),
+            ("  bounces", parts.bounce_bytes, &self.blocks.bounce),
+        ] {
+            let blocks = blocks.as_ref().map_or(String::new(), |blocks| format!(", {blocks}"));
+            table.line(name, format!("{}{blocks}", size(size_in_bytes)));
+        }
         table.line("view samples", size(parts.view_samples_bytes));
         table.line("gather samples", size(parts.gather_samples_bytes));
         table.line("triangles and masks", size(parts.occluders_bytes));

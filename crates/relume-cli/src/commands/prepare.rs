@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use relume::sample::CloudMethod;
-use relume::transfer::{Encoding, Quality, RowMethod, Settings};
+use relume::transfer::{Encoding, Quality, RowMethod, Selection, Settings};
 use relume::{Preparation, Result, Transfer};
 use serde::Serialize;
 
@@ -46,7 +46,10 @@ pub(crate) struct Arguments {
     /// How the transfer is stored.
     #[arg(long, value_enum, default_value_t)]
     encoding: EncodingName,
-    /// Coefficients that haar-rows keeps a row, 1 to 4096.
+    /// By what it chooses the coefficients that it keeps [default: prior for low-rank, area for the others].
+    #[arg(long, value_enum)]
+    selection: Option<SelectionName>,
+    /// Coefficients that haar-rows and haar-blocks keep a row, 1 to 4096.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=4096))]
     coefficients: u16,
     /// How the transfer is estimated.
@@ -87,6 +90,18 @@ enum EncodingName {
     LowRank,
     /// Every pixel keeps its own Haar coefficients (Hasan 2006), for comparison.
     HaarRows,
+    /// The same, packed as images of wavelet lights (Hasan 2006), for comparison.
+    HaarBlocks,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum SelectionName {
+    /// By value times the area that a coefficient covers (Hasan 2006).
+    Area,
+    /// By value alone.
+    Plain,
+    /// By value times what the coefficient is worth under random lights in the scene.
+    Prior,
 }
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
@@ -198,7 +213,13 @@ impl Arguments {
             encoding: match self.encoding {
                 EncodingName::LowRank => Encoding::LowRank,
                 EncodingName::HaarRows => Encoding::HaarRows,
+                EncodingName::HaarBlocks => Encoding::HaarBlocks,
             },
+            selection: self.selection.map(|selection| match selection {
+                SelectionName::Area => Selection::Area,
+                SelectionName::Plain => Selection::Plain,
+                SelectionName::Prior => Selection::Prior,
+            }),
             rows: match self.rows {
                 RowsName::Balanced => RowMethod::Balanced,
                 RowsName::Paper => RowMethod::Paper,

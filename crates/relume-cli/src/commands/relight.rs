@@ -9,11 +9,11 @@ use relume::{Error, Relighter, Result, Transfer};
 use relume_io::{Attribute, check_materials, load_rig};
 use serde::Serialize;
 
-use crate::arguments::{Curve, Part, Threads, antialiasing};
+use crate::arguments::{Culling, Curve, Part, Threads, antialiasing};
 use crate::console::Console;
 use crate::interrupt;
 use crate::output::{self, ImageKind, ImageOutput, number, text};
-use crate::report::{Table, count, duration};
+use crate::report::{Table, count, culled, duration};
 
 /// Relight a prepared shot: soft shadows and all bounces of indirect light, from the cache alone.
 #[derive(Args)]
@@ -39,6 +39,8 @@ pub(crate) struct Arguments {
     /// Direct samples along each side of a pixel: 1 or 2.
     #[arg(long, value_name = "1|2", default_value = "2", value_parser = antialiasing)]
     aa: u32,
+    #[command(flatten)]
+    cull: Culling,
     /// The curve from light to display (PNG) [default: neutral].
     #[arg(long, value_enum)]
     tonemap: Option<Curve>,
@@ -88,6 +90,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         aa: arguments.aa,
         only: Part::only(arguments.only),
         per_light: arguments.per_light,
+        cull: arguments.cull.epsilon,
     };
     let lights = rig.lights.iter().filter(|light| light.enabled).count();
     if lights == 0 {
@@ -134,6 +137,7 @@ pub(super) fn attributes(transfer: &Transfer, settings: &RelightSettings) -> Vec
         text("scene_hash", &report.scene_hash),
         text("bounces", output::bounces(settings.bounces)),
         number("aa", settings.aa),
+        number("cull", settings.cull.unwrap_or_else(|| transfer.gather.encoding().cull())),
         number("gather_samples", transfer.cloud.len() as f64),
     ]
 }
@@ -156,6 +160,7 @@ impl std::fmt::Display for Figures<'_> {
         table.row(milliseconds("sum", self.frame.sum_ms));
         table.line("lights", self.lights.to_string());
         table.line("shadow rays", count(self.frame.shadow_rays));
+        table.line("transfer", culled(self.frame.multiply_adds, self.frame.culled));
         write!(f, "{table}")
     }
 }

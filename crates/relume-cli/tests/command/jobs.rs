@@ -188,6 +188,37 @@ fn the_papers_encoding_and_rows_stay_available() {
 }
 
 #[test]
+fn wavelet_lights_are_packed_and_culled() {
+    let work = Workplace::new();
+    let blocks = ["--encoding", "haar-blocks", "--selection", "prior", "-o", "blocks.relume"];
+    let told = work.json(&[&["prepare", "room.gltf"][..], &SMALL, &blocks].concat(), &[]);
+    assert_eq!(
+        (&told["settings"]["encoding"], &told["settings"]["selection"]),
+        (&"haar-blocks".into(), &"prior".into())
+    );
+    let shown = work.succeed(&["info", "blocks.relume"]).stdout;
+    assert!(
+        shown.contains("encoding haar-blocks, selection prior") && shown.contains("in 1 atlas"),
+        "{shown}"
+    );
+    let relit = |epsilon: &str| {
+        let arguments =
+            ["relight", "blocks.relume", "--rig", "rig.toml", "-o", "blocks.exr", "--cull", epsilon];
+        let told = work.json(&arguments, &["multiply_adds", "culled"]);
+        let figure = |name: &str| told[name].as_u64().expect("a count");
+        (figure("multiply_adds"), figure("culled"))
+    };
+    let ((all, none), (again, some)) = (relit("0"), relit("0.5"));
+    assert!(none == 0 && all > 0 && some > 0 && some <= again, "{all} {none} {again} {some}");
+    let bench = ["bench", "blocks.relume", "--rig", "rig.toml", "--frames", "2", "--cull", "0.5"];
+    assert!(work.json(&bench, &["multiply_adds", "culled"])["culled"].as_u64() > Some(0));
+    // by its own way, where none is named
+    let rows = ["--encoding", "haar-rows", "-o", "rows.relume"];
+    work.json(&[&["prepare", "room.gltf"][..], &SMALL, &rows].concat(), &[]);
+    assert!(work.succeed(&["info", "rows.relume"]).stdout.contains("selection area"));
+}
+
+#[test]
 fn reflections_can_be_left_out_and_traced_without() {
     let work = Workplace::new();
     let prepare = |output: &str, more: &[&str]| {

@@ -18,7 +18,7 @@ use crate::image::{Image, Layers, LightLayers};
 use crate::sample::{edge_pixels, illuminate};
 use crate::scene::{Light, LightRig};
 use crate::trace::Accel;
-use crate::transfer::{BounceSeries, Transfer};
+use crate::transfer::{BounceSeries, Operator, Transfer, Work};
 use crate::{Error, Progress, Result};
 
 use edits::Edits;
@@ -36,7 +36,7 @@ pub enum Only {
 }
 
 /// How to relight.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelightSettings {
     /// Indirect bounces; `None` follows light until it is spent.
     pub bounces: Option<u32>,
@@ -46,11 +46,16 @@ pub struct RelightSettings {
     pub only: Only,
     /// Whether to give each light its own layers as well.
     pub per_light: bool,
+    /// `epsilon` of culling on the fly (Hasan 2006, section 3.5), 0 to 1: parts of the transfer that add next to nothing under a
+    /// light are left out. More is faster and coarser. It bounds the relative error that is added in each application of an operator
+    /// if its parts are independent; what comes of it is mostly far less. 0 leaves out nothing; `None` is what suits the encoding
+    /// ([`Encoding::cull`](crate::transfer::Encoding::cull)). Relative to each light's own result: lights still add up exactly.
+    pub cull: Option<f32>,
 }
 
 impl Default for RelightSettings {
     fn default() -> Self {
-        Self { bounces: None, aa: 2, only: Only::Both, per_light: false }
+        Self { bounces: None, aa: 2, only: Only::Both, per_light: false, cull: None }
     }
 }
 
@@ -80,6 +85,17 @@ pub struct FrameStats {
     pub shadow_rays: u64,
     /// How often the bounce operator was applied.
     pub bounce_steps: u32,
+    /// Multiply-adds of each colour, in bounces and final gather.
+    pub multiply_adds: u64,
+    /// Those of them that were culled.
+    pub culled: u64,
+}
+
+impl FrameStats {
+    fn add(&mut self, work: Work) {
+        self.multiply_adds += work.all;
+        self.culled += work.culled;
+    }
 }
 
 /// What one light does under white light.
@@ -177,8 +193,8 @@ impl Relighter {
     /// their share of the sum. Where base colours change, all lights are relit.
     ///
     /// # Errors
-    /// [`Error::Setting`] unless `aa` is 1 or 2, every emitter of the rig names a material of the scene that shines and has a usable scale,
-    /// every edited material is one of the scene and has a base colour within `0..=1`, and none is named twice.
+    /// [`Error::Setting`] unless `aa` is 1 or 2, `cull` 0 to 1, every emitter of the rig names a material of the scene that shines and has a
+    /// usable scale, every edited material is one of the scene and has a base colour within `0..=1`, and none is named twice.
     pub fn relight(&mut self, rig: &LightRig, settings: &RelightSettings) -> Result<Layers> {
         self.relight_watched(rig, settings, &())
     }
@@ -195,6 +211,10 @@ impl Relighter {
     ) -> Result<Layers> {
         if !(1..=2).contains(&settings.aa) {
             return Err(Error::Setting(format!("{} samples a pixel side: must be 1 or 2", settings.aa)));
+        }
+        if settings.cull.is_some_and(|cull| !(0.0..=1.0).contains(&cull)) {
+            let cull = settings.cull.unwrap_or_default();
+            return Err(Error::Setting(format!("an epsilon of {cull} to cull by: must be 0 to 1")));
         }
         let began = Instant::now();
         let glows = self.glows(rig)?;
@@ -264,25 +284,28 @@ impl Relighter {
             self.stats.shadow_rays += cloud.shadow_rays;
             self.stats.cloud_ms += milliseconds(began);
             let times = settings.bounces.map(|bounces| bounces - 1);
-            lit.indirect.pixels = self.gather(&cloud.radiance, times, settings.aa);
+            lit.indirect.pixels = self.gather(&cloud.radiance, times, settings);
         }
         lit
     }
 
     /// Light on the cloud, bounced and gathered to the pixels.
-    fn gather(&mut self, radiance: &[Vec3], times: Option<u32>, aa: u32) -> Vec<Vec3> {
+    fn gather(&mut self, radiance: &[Vec3], times: Option<u32>, settings: &RelightSettings) -> Vec<Vec3> {
+        let epsilon = |operator: &Operator| settings.cull.unwrap_or_else(|| operator.encoding().cull());
         let began = Instant::now();
-        let bounces = self.edits.bounces(&self.bounces);
-        let (bounced, steps) = bounces.sum(&self.transfer.bounce, radiance, times);
+        let (bounce, bounces) = (&self.transfer.bounce, self.edits.bounces(&self.bounces));
+        let (bounced, steps, work) = bounces.sum(bounce, radiance, times, epsilon(bounce));
+        self.stats.add(work);
         self.stats.bounce_steps += steps;
         self.stats.bounces_ms += milliseconds(began);
         let began = Instant::now();
-        let (gathered, glossy) = self.transfer.gather_from(&bounced);
+        let (gathered, glossy, work) = self.transfer.gather_from(&bounced, epsilon(&self.transfer.gather));
+        self.stats.add(work);
         self.stats.gather_ms += milliseconds(began);
         let began = Instant::now();
         let glossy = glossy.as_deref().zip(self.tints.as_ref());
         let diffuse = (&gathered[..], self.edits.scales());
-        let pixels = upsample::upsample(&self.transfer, diffuse, glossy, aa);
+        let pixels = upsample::upsample(&self.transfer, diffuse, glossy, settings.aa);
         self.stats.upsample_ms += milliseconds(began);
         pixels
     }
@@ -335,13 +358,13 @@ impl Relighter {
         }
         let mut lit = Lit { direct: self.black(), indirect: self.black() };
         if settings.only != Only::Indirect {
-            lit.direct.pixels = self.gather(&emitted, Some(0), settings.aa);
+            lit.direct.pixels = self.gather(&emitted, Some(0), settings);
             direct::add_emission(&transfer.view, settings.aa, shines, &mut lit.direct.pixels);
         }
         if settings.only != Only::Direct && settings.bounces != Some(0) {
             let bounced = self.edits.bounces(&self.bounces).reflect(&transfer.bounce, &emitted);
             lit.indirect.pixels =
-                self.gather(&bounced, settings.bounces.map(|bounces| bounces - 1), settings.aa);
+                self.gather(&bounced, settings.bounces.map(|bounces| bounces - 1), settings);
         }
         lit
     }
@@ -384,7 +407,7 @@ impl Relighter {
 impl RelightSettings {
     /// Whether a light relit with the one looks the same with the other.
     fn same_light(&self, other: &Self) -> bool {
-        (self.bounces, self.aa, self.only) == (other.bounces, other.aa, other.only)
+        (self.bounces, self.aa, self.only, self.cull) == (other.bounces, other.aa, other.only, other.cull)
     }
 }
 

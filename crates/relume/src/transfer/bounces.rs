@@ -8,7 +8,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::Operator;
+use super::{Coefficients, Operator, Work};
 
 /// Terms are computed one by one until a further one would be this share of the whole, for light that has settled.
 const NEGLIGIBLE: f64 = 1e-3;
@@ -66,18 +66,26 @@ impl BounceSeries {
 
     /// `A M g`: light on the cloud after one bounce of `light`. `bounce` is the operator that the series was made for.
     pub fn reflect(&self, bounce: &Operator, light: &[Vec3]) -> Vec<Vec3> {
-        reflected(bounce, &self.albedo, light)
+        reflected(bounce, &self.albedo, light, 0.0).0
     }
 
     /// `g + A M g + (A M)^2 g + ...`: the light on the cloud after `times` bounces within it; `None` sums them all. Also
-    /// returns how often `M` was applied. `bounce` is the operator that the series was made for.
-    pub fn sum(&self, bounce: &Operator, direct: &[Vec3], times: Option<u32>) -> (Vec<Vec3>, u32) {
+    /// returns how often `M` was applied, and how much there was to do for it. `bounce` is the operator that the series was made
+    /// for, `epsilon` that of culling, in each bounce ([`Operator::apply_coefficients`]); 0 leaves out nothing.
+    pub fn sum(
+        &self,
+        bounce: &Operator,
+        direct: &[Vec3],
+        times: Option<u32>,
+        epsilon: f32,
+    ) -> (Vec<Vec3>, u32, Work) {
         let terms = times.unwrap_or(u32::MAX).min(self.terms);
         let (mut total, mut before, mut last) = (direct.to_vec(), Vec::new(), direct.to_vec());
         let enough = ROUNDING * norm(direct);
-        let mut done = 0;
+        let (mut done, mut work) = (0, Work::default());
         while done < terms {
-            let next = self.reflect(bounce, &last);
+            let (next, step) = reflected(bounce, &self.albedo, &last, epsilon);
+            work += step;
             before = std::mem::replace(&mut last, next);
             add(&mut total, &last, Vec3::ONE);
             done += 1;
@@ -92,7 +100,7 @@ impl BounceSeries {
             add(&mut total, &before, (0.5 * self.ratio * tail).as_vec3());
             add(&mut total, &last, (0.5 * tail).as_vec3());
         }
-        (total, done)
+        (total, done, work)
     }
 
     /// `r + r^2 + ... + r^times`, for each channel.
@@ -114,7 +122,7 @@ pub(super) fn gather_bounces(
     let (mut total, mut last) = (direct.to_vec(), direct.to_vec());
     let times = times.unwrap_or(MOST).min(MOST);
     for _ in 0..times {
-        last = reflected(bounce, albedo, &last);
+        last = reflected(bounce, albedo, &last, 0.0).0;
         add(&mut total, &last, Vec3::ONE);
     }
     (total, times)
@@ -128,10 +136,11 @@ fn terms(ratio: f64) -> u32 {
 }
 
 /// `A M light`.
-fn reflected(bounce: &Operator, albedo: &[Vec3], light: &[Vec3]) -> Vec<Vec3> {
-    let mut reflected = bounce.apply(light);
+fn reflected(bounce: &Operator, albedo: &[Vec3], light: &[Vec3], epsilon: f32) -> (Vec<Vec3>, Work) {
+    let mut reflected = vec![Vec3::ZERO; bounce.rows];
+    let work = bounce.apply_coefficients(&Coefficients::new(light, &bounce.weights), epsilon, &mut reflected);
     reflected.par_iter_mut().zip(albedo).with_min_len(4096).for_each(|(light, albedo)| *light *= *albedo);
-    reflected
+    (reflected, work)
 }
 
 fn add(total: &mut [Vec3], light: &[Vec3], weight: Vec3) {
@@ -150,7 +159,7 @@ fn largest_eigenvalues(bounce: &Operator, albedo: &[Vec3]) -> DVec3 {
         let size = norm(&light);
         let inverse = size.map(|size| if size > 0.0 { 1.0 / size } else { 0.0 }).as_vec3();
         light.iter_mut().for_each(|light| *light *= inverse);
-        light = reflected(bounce, albedo, &light);
+        light = reflected(bounce, albedo, &light, 0.0).0;
         growth = [growth[1], norm(&light)];
         let estimate = (growth[0] * growth[1]).map(f64::sqrt);
         let steady = (estimate - found).abs().max_element() < STEADY;

@@ -25,16 +25,11 @@ fn operator(share: f32, own: i8) -> Operator {
         values: values.into(),
         scales: vec![share / (127.0 * (COUNT as f32).sqrt()); COUNT].into(),
     };
-    Operator {
-        rows: COUNT,
-        matrix: Matrix::HaarRows(matrix),
-        weights: Vec::new().into(),
-        expected_error: 0.0,
-    }
+    Operator::new(COUNT, Matrix::HaarRows(matrix), Vec::new().into(), 0.0)
 }
 
 fn summed(bounce: &Operator, albedo: &[Vec3], direct: &[Vec3], times: Option<u32>) -> Vec<Vec3> {
-    BounceSeries::new(bounce, albedo).sum(bounce, direct, times).0
+    BounceSeries::new(bounce, albedo).sum(bounce, direct, times, 0.0).0
 }
 
 /// The largest difference, as a share of what is expected.
@@ -56,7 +51,7 @@ fn in_a_ball_the_sum_is_geometric_in_each_channel() {
     let emission = Vec3::new(1.0, 2.0, 3.0);
     let series = BounceSeries::new(&bounce, &[ALBEDO; COUNT]);
     assert!((series.ratio() - ALBEDO.as_dvec3()).abs().max_element() < 1e-5, "{}", series.ratio());
-    let (light, steps) = series.sum(&bounce, &[emission; COUNT], None);
+    let (light, steps, _) = series.sum(&bounce, &[emission; COUNT], None, 0.0);
     let expected = |albedo: Vec3| emission.as_dvec3() / (1.0 - albedo.as_dvec3());
     assert!(off(&light, |_| expected(ALBEDO)) < CLOSE, "{}", off(&light, |_| expected(ALBEDO)));
     // a thousandth more of albedo is noticed, and so is the sum without its tail
@@ -99,7 +94,7 @@ fn light_thrown_to_and_fro_adds_up() {
         |index: usize, p: DVec3| if sides[index] > 0.0 { 1.0 / (1.0 - p * p) } else { p / (1.0 - p * p) };
     let series = BounceSeries::new(&bounce, &[ALBEDO; COUNT]);
     assert!((series.ratio() - p).abs().max_element() < 1e-5, "{}", series.ratio());
-    let (light, steps) = series.sum(&bounce, &direct, None);
+    let (light, steps, _) = series.sum(&bounce, &direct, None, 0.0);
     let error = off(&light, |index| expected(index, p));
     println!("to and fro: {error}");
     assert!(error < 1e-3, "{error}");
@@ -140,9 +135,11 @@ fn a_white_room_has_a_sum_and_a_black_one_is_dark() {
     let bounce = operator(1.0, 0);
     let white = summed(&bounce, &[Vec3::ONE; COUNT], &[Vec3::ONE; COUNT], None);
     assert!(off(&white, |_| DVec3::splat(1.0 / (1.0 - LARGEST_RATIO))) < 1e-3, "{}", white[0]);
-    let (light, _) = BounceSeries::new(&bounce, &[Vec3::ZERO; COUNT]).sum(&bounce, &[Vec3::ONE; COUNT], None);
+    let (light, ..) =
+        BounceSeries::new(&bounce, &[Vec3::ZERO; COUNT]).sum(&bounce, &[Vec3::ONE; COUNT], None, 0.0);
     assert!(light.iter().all(|&light| light == Vec3::ONE));
-    let (dark, steps) = BounceSeries::new(&bounce, &[ALBEDO; COUNT]).sum(&bounce, &[Vec3::ZERO; COUNT], None);
+    let (dark, steps, _) =
+        BounceSeries::new(&bounce, &[ALBEDO; COUNT]).sum(&bounce, &[Vec3::ZERO; COUNT], None, 0.0);
     assert!(
         dark.iter().all(|&light| light == Vec3::ZERO) && steps <= ASKED_EVERY,
         "{steps} bounces of no light"
@@ -162,8 +159,8 @@ fn the_sum_is_linear_in_the_light() {
     };
     let (x, y) = (light(1.0, 1), light(-1.0, 2));
     let mixed: Vec<Vec3> = x.iter().zip(&y).map(|(&x, &y)| 0.5 * x + 2.0 * y).collect();
-    let [(of_mixed, _), (of_x, steps_x), (of_y, steps_y)] =
-        [&mixed, &x, &y].map(|light| series.sum(&bounce, light, None));
+    let [(of_mixed, ..), (of_x, steps_x, _), (of_y, steps_y, _)] =
+        [&mixed, &x, &y].map(|light| series.sum(&bounce, light, None, 0.0));
     assert!(steps_y < steps_x, "{steps_y} and {steps_x}");
     let difference = |a: f32, b: f32| {
         let squares =

@@ -20,10 +20,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use xxhash_rust::xxh3::xxh3_64;
 
+use super::haar_blocks::HaarBlocks;
 use super::haar_rows::HaarRows;
 use super::low_rank::LowRank;
 use super::packed_runs::PackedRuns;
-use super::{Buffer, Encoding, Matrix, Occluders, Operator, Report, Timings, Transfer};
+use super::{Buffer, Encoding, ImageLayout, Matrix, Occluders, Operator, Report, Timings, Transfer};
 use crate::sample::{Emitted, GatherCloud, Receivers, SUB_SAMPLES, ViewSample, ViewSamples};
 use crate::scene::Wrap;
 use crate::trace::{AlphaMask, AlphaMasks};
@@ -65,6 +66,8 @@ struct OperatorHeader {
     rows: usize,
     /// Coefficients a row of `haar-rows`.
     per_row: usize,
+    /// Width and height of the image that `haar-blocks` lays rows in.
+    image: [usize; 2],
     expected_error: f64,
 }
 
@@ -107,6 +110,12 @@ impl<'a> Tensors<'a> {
                 self.add(&part("high"), Dtype::U8, &[], &matrix.high);
                 self.add(&part("values"), Dtype::I8, &[], &matrix.values);
                 self.add(&part("scales"), Dtype::F32, &[], &matrix.scales);
+            }
+            Matrix::HaarBlocks(matrix) => {
+                self.add(&part("places"), Dtype::U32, &[], &matrix.layout.places);
+                self.add(&part("tiles"), Dtype::U32, &[], &matrix.tiles);
+                self.add(&part("blocks"), Dtype::U8, &[24], &matrix.blocks);
+                self.add(&part("texels"), Dtype::U8, &[], &matrix.texels);
             }
         }
     }
@@ -216,7 +225,11 @@ impl OperatorHeader {
             rows: operator.rows,
             per_row: match &operator.matrix {
                 Matrix::HaarRows(matrix) => matrix.per_row,
-                Matrix::LowRank(_) => 0,
+                Matrix::LowRank(_) | Matrix::HaarBlocks(_) => 0,
+            },
+            image: match &operator.matrix {
+                Matrix::HaarBlocks(matrix) => [matrix.layout.width, matrix.layout.height],
+                Matrix::LowRank(_) | Matrix::HaarRows(_) => [0, 0],
             },
             expected_error: operator.expected_error,
         }
@@ -337,13 +350,18 @@ impl<'a> Opened<'a> {
                 values: self.buffer(&part("values"))?,
                 scales: self.buffer(&part("scales"))?,
             }),
+            Encoding::HaarBlocks => {
+                let [width, height] = header.image;
+                Matrix::HaarBlocks(HaarBlocks {
+                    layout: ImageLayout { width, height, places: self.buffer(&part("places"))? },
+                    tiles: self.buffer(&part("tiles"))?,
+                    blocks: self.buffer(&part("blocks"))?,
+                    texels: self.buffer(&part("texels"))?,
+                })
+            }
         };
-        let operator = Operator {
-            rows: header.rows,
-            matrix,
-            weights: self.buffer(&part("weights"))?,
-            expected_error: header.expected_error,
-        };
+        let operator =
+            Operator::new(header.rows, matrix, self.buffer(&part("weights"))?, header.expected_error);
         if operator.is_sound(count) { Ok(operator) } else { Err(self.refuse(name)) }
     }
 

@@ -5,14 +5,16 @@ use std::sync::Mutex;
 use rayon::prelude::*;
 
 use super::blocks::Blocks;
-use super::haar_rows::{self, HaarRows};
+use super::haar_blocks::HaarBlocks;
+use super::haar_rows::HaarRows;
 use super::low_rank::{LowRank, LowRankSettings};
 use super::low_rank_encoder;
 use super::paper_rows::PaperRows;
 use super::prior::LightPrior;
 use super::rows::{RowScratch, RowSource};
+use super::selection::KeptRows;
 use super::tiles::GatherPoint;
-use super::{Matrix, Operator, haar};
+use super::{ImageLayout, Matrix, Operator, haar};
 use crate::progress::Progress;
 use crate::{Error, Result};
 
@@ -29,7 +31,18 @@ pub(super) enum RowEstimator<'a> {
 #[derive(Clone, Copy)]
 pub(super) enum Encoder<'a> {
     LowRank { settings: LowRankSettings, prior: &'a LightPrior },
-    HaarRows { per_row: usize },
+    Haar(Haar<'a>),
+}
+
+/// How rows are stored that keep coefficients of their own.
+#[derive(Clone, Copy)]
+pub(super) struct Haar<'a> {
+    /// Coefficients a row.
+    pub(super) per_row: usize,
+    /// What their values are weighted by where some are dropped, one a coefficient.
+    pub(super) weights: &'a [f32],
+    /// Where rows lie, to be stored as images; else they are stored as rows.
+    pub(super) layout: Option<&'a ImageLayout>,
 }
 
 /// The reflectance that the price of a byte is meant for: what a diffuse row says is multiplied by about this.
@@ -61,8 +74,8 @@ impl Encoder<'_> {
     fn nothing(self, rows: usize, count: usize) -> EncodedBlock {
         match self {
             Self::LowRank { prior, .. } => EncodedBlock::LowRank(low_rank_encoder::nothing(rows, prior)),
-            Self::HaarRows { per_row } => {
-                EncodedBlock::HaarRows(haar_rows::encode(&vec![0.0; rows * count], count, per_row))
+            Self::Haar(haar) => {
+                EncodedBlock::Haar(KeptRows::of(&vec![0.0; rows * count], haar.weights, haar.per_row))
             }
         }
     }
@@ -75,10 +88,7 @@ impl EncodedBlock {
             Self::LowRank(block) => {
                 block.energy.iter_mut().chain(&mut block.lost).for_each(|value| *value *= weight);
             }
-            Self::HaarRows(block) => {
-                block.energy *= weight;
-                block.lost *= weight;
-            }
+            Self::Haar(rows) => rows.weight *= weight,
         }
     }
 }
@@ -112,7 +122,7 @@ struct Workplace {
 
 enum EncodedBlock {
     LowRank(low_rank_encoder::Encoded),
-    HaarRows(haar_rows::EncodedRows),
+    Haar(KeptRows),
 }
 
 /// A block of rows of both operators.
@@ -238,42 +248,61 @@ impl Workplace {
                 self.transform(count, Some(&prior.magnitudes));
                 EncodedBlock::LowRank(low_rank_encoder::encode(&self.rows, rows, &settings, prior))
             }
-            Encoder::HaarRows { per_row } => {
+            Encoder::Haar(haar) => {
                 self.transform(count, None);
-                EncodedBlock::HaarRows(haar_rows::encode(&self.rows, count, per_row))
+                EncodedBlock::Haar(KeptRows::of(&self.rows, haar.weights, haar.per_row))
             }
         }
     }
 }
 
 fn assemble(blocks: Vec<EncodedBlock>, encoder: Encoder<'_>, rows: usize, count: usize) -> Operator {
-    let (mut low_rank, mut haar_rows) = (Vec::new(), Vec::new());
-    let (mut energy, mut lost) = (Vec::new(), Vec::new());
+    let (mut low_rank, mut kept) = (Vec::new(), Vec::new());
     for block in blocks {
         match block {
-            EncodedBlock::LowRank(block) => {
-                add(&mut energy, &block.energy);
-                add(&mut lost, &block.lost);
-                low_rank.push(block);
-            }
-            EncodedBlock::HaarRows(block) => {
-                add(&mut energy, &[block.energy]);
-                add(&mut lost, &[block.lost]);
-                haar_rows.push(block);
-            }
+            EncodedBlock::LowRank(block) => low_rank.push(block),
+            EncodedBlock::Haar(rows) => kept.push(rows),
         }
     }
-    let expected_error = relative_error(&energy, &lost);
-    let (matrix, weights) = match encoder {
-        Encoder::LowRank { prior, .. } => (
-            Matrix::LowRank(LowRank::from_blocks(&low_rank, count)),
-            prior.magnitudes.iter().map(|magnitude| 1.0 / magnitude).collect::<Vec<_>>(),
-        ),
-        Encoder::HaarRows { per_row } => {
-            (Matrix::HaarRows(HaarRows::from_blocks(haar_rows, per_row, count)), Vec::new())
+    match encoder {
+        Encoder::LowRank { prior, .. } => {
+            let (mut energy, mut lost) = (Vec::new(), Vec::new());
+            for block in &low_rank {
+                add(&mut energy, &block.energy);
+                add(&mut lost, &block.lost);
+            }
+            let weights: Vec<f32> = prior.magnitudes.iter().map(|magnitude| 1.0 / magnitude).collect();
+            let matrix = Matrix::LowRank(LowRank::from_blocks(&low_rank, count));
+            Operator::new(rows, matrix, weights.into(), relative_error(&energy, &lost))
         }
-    };
-    Operator { rows, matrix, weights: weights.into(), expected_error }
+        Encoder::Haar(haar) => {
+            let (energy, dropped) = energy_of(&kept);
+            let (matrix, coarse) = match haar.layout {
+                None => {
+                    let (matrix, coarse) = HaarRows::encode(&kept, count);
+                    (Matrix::HaarRows(matrix), coarse)
+                }
+                Some(layout) => {
+                    let (matrix, coarse) = HaarBlocks::encode(&kept, layout.clone());
+                    (Matrix::HaarBlocks(matrix), coarse)
+                }
+            };
+            Operator::new(rows, matrix, Vec::new().into(), relative_error(&[energy], &[dropped + coarse]))
+        }
+    }
+}
+
+/// The weighted energy of rows, and that of the coefficients which they do not keep.
+fn energy_of(rows: &[KeptRows]) -> (f64, f64) {
+    let (mut all, mut dropped) = (0.0, 0.0);
+    for block in rows {
+        for (_, values, energy) in block.rows() {
+            let kept: f64 = values.iter().map(|&value| f64::from(value).powi(2)).sum();
+            all += block.weight * energy;
+            dropped += block.weight * (energy - kept).max(0.0);
+        }
+    }
+    (all, dropped)
 }
 
 fn add(sums: &mut Vec<f64>, values: &[f64]) {

@@ -1,12 +1,14 @@
 //! `haar-rows`: the paper's row-based encoding, for comparison.
 //!
 //! Each row keeps its `N` most important Haar coefficients by itself, chosen by value times the area of the
-//! basis function (section 4.3), as 16-bit numbers and linear 8-bit values with a scale a row.
+//! basis function (Hasan 2006, section 4.3) unless told otherwise ([`Selection`](super::Selection)), as 16-bit numbers and linear
+//! 8-bit values with a scale a row.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::haar;
+use super::culling::{Cut, Norms, Work, energy};
+use super::selection::KeptRows;
 use super::{Buffer, Coefficients};
 
 /// All rows of one operator.
@@ -24,59 +26,34 @@ pub struct HaarRows {
     pub scales: Buffer<f32>,
 }
 
-/// Some encoded rows, and how well they fit.
-#[derive(Clone, Debug, Default)]
-pub(super) struct EncodedRows {
-    indices: Vec<u32>,
-    values: Vec<i8>,
-    scales: Vec<f32>,
-    pub(super) energy: f64,
-    pub(super) lost: f64,
-}
-
-/// Encodes rows of plain Haar coefficients (`F W^T`), `count` a row.
-pub(super) fn encode(x: &[f32], count: usize, per_row: usize) -> EncodedRows {
-    let mut encoded = EncodedRows::default();
-    // "area-weighted wavelet culling", Hasan 2006, section 4.3: value times the number of non-zeros
-    let weights: Vec<f32> = (0..count).map(|i| haar::support(i, count) as f32).collect();
-    for row in x.chunks_exact(count) {
-        let mut order: Vec<u32> = (0..count as u32).collect();
-        let score = |i: u32| row[i as usize].abs() * weights[i as usize];
-        order.select_nth_unstable_by(per_row.min(count - 1), |&a, &b| {
-            score(b).total_cmp(&score(a)).then(a.cmp(&b))
-        });
-        order.truncate(per_row);
-        order.sort_unstable();
-        let largest = order.iter().fold(0.0_f32, |m, &i| m.max(row[i as usize].abs()));
-        let scale = largest / 127.0;
-        let mut explained = 0.0;
-        for &index in &order {
-            let value = row[index as usize];
-            let q = if scale > 0.0 { (value / scale).round() } else { 0.0 };
-            encoded.values.push(q as i8);
-            explained += f64::from(value).powi(2) - f64::from(value - q * scale).powi(2);
-        }
-        let energy: f64 = row.iter().map(|&v| f64::from(v).powi(2)).sum();
-        encoded.energy += energy;
-        encoded.lost += (energy - explained).max(0.0);
-        encoded.indices.extend(order);
-        encoded.scales.push(scale);
-    }
-    encoded
-}
-
 impl HaarRows {
-    pub(super) fn from_blocks(blocks: Vec<EncodedRows>, per_row: usize, count: usize) -> Self {
-        let (wide, per_row) = (count > 1 << 16, per_row.min(count));
-        let indices = || blocks.iter().flat_map(|b| b.indices.iter().copied());
-        Self {
-            per_row,
-            high: if wide { indices().map(|i| (i >> 16) as u8).collect::<Vec<_>>() } else { Vec::new() }
-                .into(),
-            indices: indices().map(|i| i as u16).collect::<Vec<_>>().into(),
-            values: blocks.iter().flat_map(|b| b.values.iter().copied()).collect::<Vec<_>>().into(),
-            scales: blocks.iter().flat_map(|b| b.scales.iter().copied()).collect::<Vec<_>>().into(),
+    /// Quantises rows over a cloud of `count` samples. Also returns what that loses of them: the sum of squares, weighted as the
+    /// rows are.
+    pub(super) fn encode(rows: &[KeptRows], count: usize) -> (Self, f64) {
+        let (mut values, mut scales, mut lost) = (Vec::new(), Vec::new(), 0.0);
+        for kept in rows {
+            for (_, row, _) in kept.rows() {
+                let largest = row.iter().fold(0.0_f32, |m, value| m.max(value.abs()));
+                let scale = largest / 127.0;
+                for value in row {
+                    let q = if scale > 0.0 { (value / scale).round() } else { 0.0 };
+                    values.push(q as i8);
+                    lost += kept.weight * f64::from(value - q * scale).powi(2);
+                }
+                scales.push(scale);
+            }
         }
+        let wide = count > 1 << 16;
+        let indices = || rows.iter().flat_map(|kept| kept.indices.iter().copied());
+        let high = if wide { indices().map(|i| (i >> 16) as u8).collect::<Vec<_>>() } else { Vec::new() };
+        let encoded = Self {
+            per_row: rows.first().map_or(0, |kept| kept.per_row),
+            high: high.into(),
+            indices: indices().map(|i| i as u16).collect::<Vec<_>>().into(),
+            values: values.into(),
+            scales: scales.into(),
+        };
+        (encoded, lost)
     }
 
     /// Bytes of all arrays.
@@ -99,14 +76,46 @@ impl HaarRows {
         usize::from(self.indices[place]) | usize::from(high) << 16
     }
 
-    /// `out = F g`, for all rows, from the coefficients `W g`.
-    pub(super) fn apply(&self, coefficients: &Coefficients, out: &mut [Vec3]) {
-        out.par_iter_mut().enumerate().with_min_len(256).for_each(|(row, out)| {
-            let mut sum = Vec3::ZERO;
+    /// The parts are columns.
+    pub(super) fn norms(&self, count: usize) -> Norms {
+        let mut columns = vec![0.0; count];
+        for (row, &scale) in self.scales.iter().enumerate() {
             for place in row * self.per_row..(row + 1) * self.per_row {
-                sum += Vec3::from(coefficients.at(self.index(place))) * f32::from(self.values[place]);
+                columns[self.index(place)] += f64::from(f32::from(self.values[place]) * scale).powi(2);
+            }
+        }
+        let parts = columns.iter().map(|&square| square as f32).collect();
+        Norms::new(columns, parts)
+    }
+
+    /// `out = F g`, for all rows, from the coefficients `W g`, without those that `cut` calls faint.
+    pub(super) fn apply(&self, coefficients: &Coefficients, cut: Option<Cut<'_>>, out: &mut [Vec3]) -> Work {
+        let Some(cut) = cut else {
+            out.par_iter_mut().enumerate().with_min_len(256).for_each(|(row, out)| {
+                let mut sum = Vec3::ZERO;
+                for place in row * self.per_row..(row + 1) * self.per_row {
+                    sum += Vec3::from(coefficients.at(self.index(place))) * f32::from(self.values[place]);
+                }
+                *out = sum * self.scales[row];
+            });
+            return Work { all: self.values.len() as u64, culled: 0 };
+        };
+        let lights = coefficients.as_slice().iter().enumerate();
+        let faint: Vec<bool> = lights.map(|(part, &light)| cut.is_faint(part, energy(light))).collect();
+        let row_without = |(row, out): (usize, &mut Vec3)| {
+            let (mut sum, mut culled) = (Vec3::ZERO, 0);
+            for place in row * self.per_row..(row + 1) * self.per_row {
+                let index = self.index(place);
+                if faint[index] {
+                    culled += 1;
+                } else {
+                    sum += Vec3::from(coefficients.at(index)) * f32::from(self.values[place]);
+                }
             }
             *out = sum * self.scales[row];
-        });
+            culled
+        };
+        let culled = out.par_iter_mut().enumerate().with_min_len(256).map(row_without).sum();
+        Work { all: self.values.len() as u64, culled }
     }
 }

@@ -6,9 +6,12 @@
 //! principal component analysis (Huang and Ramamoorthi 2010) in the wavelet basis of Hasan 2006. How it is found is in
 //! `low_rank_encoder.rs`; here it is kept and applied.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::culling::{Cut, Norms, Work, energy};
 use super::low_rank_encoder::Encoded;
 use super::packed_runs::{PackedRuns, RUN, Runs, runs_of};
 use super::{Buffer, Coefficients};
@@ -101,8 +104,14 @@ impl LowRank {
         is(sum(|s| u64::from(s.rows)), rows)
             && is(sum(|s| u64::from(s.kept)), self.places.len())
             && (self.high.is_empty() || self.high.len() == self.places.len())
-            && is(sum(|s| u64::from(s.rank).saturating_mul(runs_of(s.kept as usize) as u64)), self.v.widths.len())
-            && is(sum(|s| u64::from(s.rank).saturating_mul(runs_of(s.rows as usize) as u64)), self.u.widths.len())
+            && is(
+                sum(|s| u64::from(s.rank).saturating_mul(runs_of(s.kept as usize) as u64)),
+                self.v.widths.len(),
+            )
+            && is(
+                sum(|s| u64::from(s.rank).saturating_mul(runs_of(s.rows as usize) as u64)),
+                self.u.widths.len(),
+            )
             && is(sum(|s| u64::from(s.rank)), self.v_scales.len())
             && self.v_scales.len() == self.u_scales.len()
             && self.v.is_sound()
@@ -115,15 +124,33 @@ impl LowRank {
         usize::from(self.places[at]) | usize::from(high) << 16
     }
 
-    /// `out = F g`, for all rows in block order, from the weighted coefficients `D^-1 W g`.
-    pub(super) fn apply(&self, coefficients: &Coefficients, out: &mut [Vec3]) {
-        self.parts(out).into_par_iter().for_each(|part| part.apply(self, coefficients));
+    /// The parts are runs of kept coefficients of a block, as they are packed. Directions are taken as orthogonal.
+    pub(super) fn norms(&self, count: usize) -> Norms {
+        let (mut columns, mut runs) = (vec![0.0; count], Vec::new());
+        for part in self.parts(&mut vec![Vec3::ZERO; self.rows()]) {
+            let squares = part.column_squares();
+            runs.extend(squares.chunks(RUN).map(|run| run.iter().fold(0.0, |most, &s| f32::max(most, s))));
+            for (place, square) in part.kept.clone().zip(squares) {
+                columns[self.place(place)] += f64::from(square);
+            }
+        }
+        Norms::new(columns, runs)
+    }
+
+    fn rows(&self) -> usize {
+        self.shapes.iter().map(|shape| shape.rows as usize).sum()
+    }
+
+    /// `out = F g`, for all rows in block order, from the weighted coefficients `D^-1 W g`, without runs of coefficients that `cut`
+    /// calls faint.
+    pub(super) fn apply(&self, coefficients: &Coefficients, cut: Option<Cut<'_>>, out: &mut [Vec3]) -> Work {
+        self.parts(out).into_par_iter().map(|part| part.apply(self, coefficients, cut)).sum()
     }
 
     fn parts<'a>(&'a self, mut out: &'a mut [Vec3]) -> Vec<Part<'a>> {
         let (mut v, mut u, mut first) = (self.v.runs(), self.u.runs(), 0);
         let (mut v_scales, mut u_scales) = (&self.v_scales[..], &self.u_scales[..]);
-        let mut parts = Vec::with_capacity(self.shapes.len());
+        let (mut parts, mut first_run) = (Vec::with_capacity(self.shapes.len()), 0);
         for shape in self.shapes.iter() {
             let (rows, rank, kept) = (shape.rows as usize, shape.rank as usize, shape.kept as usize);
             let (head, tail) = out.split_at_mut(rows);
@@ -135,8 +162,10 @@ impl LowRank {
                 u: u.take(rank * runs_of(rows)),
                 u_scales: take(&mut u_scales, rank),
                 out: head,
+                first_run,
             });
             first += kept;
+            first_run += runs_of(kept);
         }
         parts
     }
@@ -151,16 +180,41 @@ fn take<'a, T>(slice: &mut &'a [T], count: usize) -> &'a [T] {
 /// One block's arrays and where its rows go.
 struct Part<'a> {
     /// Which of the operator's places are the block's.
-    kept: std::ops::Range<usize>,
+    kept: Range<usize>,
     v: Runs<'a>,
     v_scales: &'a [f32],
     u: Runs<'a>,
     u_scales: &'a [f32],
     out: &'a mut [Vec3],
+    /// Runs of coefficients of all blocks before this one.
+    first_run: usize,
 }
 
 impl Part<'_> {
-    fn apply(mut self, matrix: &LowRank, coefficients: &Coefficients) {
+    /// For each kept coefficient the squared norm of what it adds to the rows.
+    fn column_squares(&self) -> Vec<f32> {
+        let (runs, rows) = (runs_of(self.kept.len()), runs_of(self.out.len()));
+        let (mut v, mut u) = (self.v, self.u);
+        let mut squares = vec![0.0; runs * RUN];
+        for (&v_scale, &u_scale) in self.v_scales.iter().zip(self.u_scales) {
+            let scale = (v_scale * u_scale).powi(2) * u.take(rows).square();
+            v.take(runs).add_squares(scale, &mut squares);
+        }
+        squares.truncate(self.kept.len());
+        squares
+    }
+
+    /// Which runs of kept coefficients, whose light this is, are not left out.
+    fn bright(&self, [red, green, blue]: [&[f32]; 3], cut: Option<Cut<'_>>) -> Vec<bool> {
+        let is_bright = |run: usize| {
+            let places = run * RUN..(run + 1) * RUN;
+            let light = || places.map(|place| energy([red[place], green[place], blue[place]])).sum();
+            cut.is_none_or(|cut| !cut.is_faint(self.first_run + run, light()))
+        };
+        (0..runs_of(self.kept.len())).map(is_bright).collect()
+    }
+
+    fn apply(mut self, matrix: &LowRank, coefficients: &Coefficients, cut: Option<Cut<'_>>) -> Work {
         let runs = runs_of(self.kept.len());
         let mut gathered = vec![0.0; 3 * runs * RUN];
         let (red, rest) = gathered.split_at_mut(runs * RUN);
@@ -168,16 +222,20 @@ impl Part<'_> {
         for (at, place) in self.kept.clone().enumerate() {
             [red[at], green[at], blue[at]] = coefficients.at(matrix.place(place));
         }
+        let bright = self.bright([red, green, blue], cut);
         let rows = runs_of(self.out.len());
         let mut sums = vec![0.0; 3 * rows * RUN];
         let (red_sums, rest) = sums.split_at_mut(rows * RUN);
         let (green_sums, blue_sums) = rest.split_at_mut(rows * RUN);
         for (&v_scale, &u_scale) in self.v_scales.iter().zip(self.u_scales) {
-            let y = self.v.take(runs).dot([red, green, blue]).map(|y| y * v_scale * u_scale);
+            let y = self.v.take(runs).dot(&bright, [red, green, blue]).map(|y| y * v_scale * u_scale);
             self.u.take(rows).add_weighted(y, [red_sums, green_sums, blue_sums]);
         }
         for (row, out) in self.out.iter_mut().enumerate() {
             *out = Vec3::new(red_sums[row], green_sums[row], blue_sums[row]);
         }
+        let culled = RUN * bright.iter().filter(|bright| !**bright).count();
+        let entries = |a_direction: usize| (a_direction * self.v_scales.len()) as u64;
+        Work { all: entries((runs + rows) * RUN), culled: entries(culled) }
     }
 }

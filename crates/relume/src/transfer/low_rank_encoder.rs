@@ -153,7 +153,8 @@ impl Block {
             let mut places = strongest(&importance, settings.kept.min(self.width));
             let cost = price * (WEAKEST.1 * rank as f64 + PLACE_BYTES);
             places.retain(|&place| f64::from(importance[place as usize]) > cost);
-            places.sort_by(|&a, &b| importance[b as usize].total_cmp(&importance[a as usize]).then(a.cmp(&b)));
+            places
+                .sort_by(|&a, &b| importance[b as usize].total_cmp(&importance[a as usize]).then(a.cmp(&b)));
             places
         };
         // what a direction costs depends on how many coefficients are kept, and these on how many directions

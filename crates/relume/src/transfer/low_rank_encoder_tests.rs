@@ -83,7 +83,7 @@ fn the_loss_that_is_told_is_that_of_applying_the_block() {
     for (light, lamp) in held().iter().enumerate() {
         let grey: Vec<Vec3> = lamp.iter().map(|&v| Vec3::splat(v)).collect();
         let mut out = vec![Vec3::ZERO; ROWS];
-        matrix.apply(&Coefficients::new(&grey, &[]), &mut out);
+        matrix.apply(&Coefficients::new(&grey, &[]), None, &mut out);
         let truth = rows();
         let truth =
             truth.chunks_exact(COUNT).map(|row| row.iter().zip(lamp).map(|(a, b)| a * b).sum::<f32>());
@@ -124,7 +124,11 @@ fn a_block_that_sees_nothing_costs_nothing() {
     assert_eq!((encoded.shape.rank, encoded.shape.kept), (0, 0));
     assert!(encoded.lost.iter().all(|&lost| lost == 0.0));
     let mut out = vec![Vec3::ONE; ROWS];
-    LowRank::from_blocks(&[encoded], COUNT).apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[]), &mut out);
+    LowRank::from_blocks(&[encoded], COUNT).apply(
+        &Coefficients::new(&[Vec3::ONE; COUNT], &[]),
+        None,
+        &mut out,
+    );
     assert!(out.iter().all(|&rgb| rgb == Vec3::ZERO));
 }
 
@@ -155,7 +159,7 @@ fn directions_without_coefficients_are_dropped() {
         assert_eq!(rank == 0, kept == 0, "price {price}: {rank} directions of {kept} coefficients");
         let matrix = LowRank::from_blocks(&[encoded], COUNT);
         assert!(matrix.is_sound(1, COUNT), "price {price}");
-        matrix.apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[]), &mut [Vec3::ZERO]);
+        matrix.apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[]), None, &mut [Vec3::ZERO]);
     }
 }
 

@@ -4,18 +4,23 @@
 //! cloud to the view samples and one from the cloud to itself. [`Transfer::save`] and [`Transfer::load`] keep it in a
 //! file.
 
+mod atlas;
 mod blocks;
 mod bounces;
 mod buffer;
 mod cache;
 mod coefficients;
 mod compute;
+mod culling;
 mod faint;
 mod form_factors;
 mod gemm;
 mod glossy_rows;
 pub mod haar;
+pub mod haar_blocks;
+mod haar_blocks_encoder;
 pub mod haar_rows;
+mod image_layout;
 pub mod low_rank;
 mod low_rank_encoder;
 mod occluders;
@@ -24,16 +29,21 @@ mod packed_runs;
 mod paper_rows;
 mod preparation;
 mod prior;
+mod rectangles;
 mod rows;
+mod selection;
 mod tiles;
 
 pub use bounces::BounceSeries;
 pub use buffer::Buffer;
 pub use cache::FORMAT_VERSION;
 pub use coefficients::Coefficients;
+pub use culling::Work;
+pub use image_layout::ImageLayout;
 pub use occluders::Occluders;
 pub use operator::{Encoding, Matrix, Operator};
 pub use preparation::{Preparation, Quality, RowMethod, Settings};
+pub use selection::Selection;
 
 use std::collections::BTreeSet;
 
@@ -125,26 +135,28 @@ impl Transfer {
         self.glossy.as_ref().map_or(0, Operator::bytes)
     }
 
-    /// `F_d g` and, where there are reflections, `F_g g`: one RGB a row.
+    /// `F_d g` and, where there are reflections, `F_g g`: one RGB a row. `epsilon` is that of culling
+    /// ([`Operator::apply_coefficients`]); 0 leaves out nothing. Also returns how much there was to do.
     ///
     /// # Panics
     /// If `light` has not one entry a gather sample.
-    pub fn gather_from(&self, light: &[Vec3]) -> (Vec<Vec3>, Option<Vec<Vec3>>) {
-        let coefficients = Coefficients::new(light, &self.gather.weights);
-        let apply = |operator: &Operator, coefficients: &Coefficients| {
+    pub fn gather_from(&self, light: &[Vec3], epsilon: f32) -> (Vec<Vec3>, Option<Vec<Vec3>>, Work) {
+        let mut work = Work::default();
+        let mut apply = |operator: &Operator, coefficients: &Coefficients| {
             let mut out = vec![Vec3::ZERO; operator.rows];
-            operator.apply_coefficients(coefficients, &mut out);
+            work += operator.apply_coefficients(coefficients, epsilon, &mut out);
             out
         };
+        let coefficients = Coefficients::new(light, &self.gather.weights);
         let glossy = self.glossy.as_ref().map(|glossy| {
             // both learn from the same prior, unless a file says otherwise
             if *glossy.weights == *self.gather.weights {
                 apply(glossy, &coefficients)
             } else {
-                glossy.apply(light)
+                apply(glossy, &Coefficients::new(light, &glossy.weights))
             }
         });
-        (apply(&self.gather, &coefficients), glossy)
+        (apply(&self.gather, &coefficients), glossy, work)
     }
 
     /// Numbers of the materials that the camera sees shine or whose light the cloud has, ascending.

@@ -1,12 +1,16 @@
 //! A linear operator from light on the cloud to light on points, whatever its encoding.
 
+use std::sync::OnceLock;
+
 use glam::Vec3;
 
+use super::culling::{Norms, Work};
+use super::haar_blocks::HaarBlocks;
 use super::haar_rows::HaarRows;
 use super::low_rank::LowRank;
-use super::{Buffer, Coefficients};
+use super::{Buffer, Coefficients, Selection};
 
-/// How an operator is stored. Both stand for the same matrix.
+/// How an operator is stored. All stand for the same matrix.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Encoding {
@@ -15,6 +19,28 @@ pub enum Encoding {
     LowRank,
     /// Every row keeps its own Haar coefficients, as in Hasan 2006.
     HaarRows,
+    /// The same, regrouped as images of wavelet lights, as Hasan 2006 has it on the GPU.
+    HaarBlocks,
+}
+
+impl Encoding {
+    /// What coefficients are chosen by unless told otherwise: by their areas in the paper's encodings, by the learned prior in
+    /// `low-rank`.
+    pub fn selection(self) -> Selection {
+        match self {
+            Self::LowRank => Selection::Prior,
+            Self::HaarRows | Self::HaarBlocks => Selection::Area,
+        }
+    }
+
+    /// The `epsilon` of culling on the fly unless told otherwise ([`RelightSettings::cull`](crate::relight::RelightSettings::cull)):
+    /// one that adds less than half a percent of error where culling gains time, else 0.
+    pub fn cull(self) -> f32 {
+        match self {
+            Self::HaarBlocks => 0.01,
+            Self::HaarRows | Self::LowRank => 0.0,
+        }
+    }
 }
 
 /// The stored matrix.
@@ -24,6 +50,8 @@ pub enum Matrix {
     LowRank(LowRank),
     /// See [`HaarRows`].
     HaarRows(HaarRows),
+    /// See [`HaarBlocks`].
+    HaarBlocks(HaarBlocks),
 }
 
 /// Applied to outgoing radiance on the cloud, gives for each row the mean radiance that arrives, W/(sr m^2): weighted by the cosine (`F_d g`,
@@ -37,28 +65,54 @@ pub struct Operator {
     /// `D^-1`, one a coefficient; empty where the encoding uses no prior.
     pub weights: Buffer<f32>,
     /// Expected relative error of the encoding alone: of `low-rank` over lights like those it learned from, which were
-    /// held out; of `haar-rows` that of the matrix.
+    /// held out; of the others that of the matrix.
     pub expected_error: f64,
+    norms: OnceLock<Norms>,
 }
 
 impl Operator {
-    /// `F g`, one RGB a row.
+    /// An operator of these parts, which fit together.
+    pub(super) fn new(rows: usize, matrix: Matrix, weights: Buffer<f32>, expected_error: f64) -> Self {
+        Self { rows, matrix, weights, expected_error, norms: OnceLock::new() }
+    }
+
+    /// `F g`, one RGB a row. Nothing is culled.
     ///
     /// # Panics
     /// If `light` has not one entry a gather sample.
     pub fn apply(&self, light: &[Vec3]) -> Vec<Vec3> {
         let coefficients = Coefficients::new(light, &self.weights);
         let mut out = vec![Vec3::ZERO; self.rows];
-        self.apply_coefficients(&coefficients, &mut out);
+        self.apply_coefficients(&coefficients, 0.0, &mut out);
         out
     }
 
-    /// `F g` from coefficients weighted with [`Self::weights`].
-    pub fn apply_coefficients(&self, coefficients: &Coefficients, out: &mut [Vec3]) {
+    /// `F g` from coefficients weighted with [`Self::weights`], without parts that add next to nothing: those whose square is at
+    /// most `epsilon`'s of the mean over all parts, as Hasan 2006 (section 3.5) has it but for what `epsilon` is relative to. 0 leaves
+    /// out nothing. Returns how much there was to do.
+    ///
+    /// # Panics
+    /// If the coefficients are of another cloud, or `out` has not [`Self::rows`] entries.
+    pub fn apply_coefficients(&self, coefficients: &Coefficients, epsilon: f32, out: &mut [Vec3]) -> Work {
+        let cut = if epsilon > 0.0 {
+            self.norms(coefficients.as_slice().len()).cut(coefficients, epsilon)
+        } else {
+            None
+        };
         match &self.matrix {
-            Matrix::LowRank(matrix) => matrix.apply(coefficients, out),
-            Matrix::HaarRows(matrix) => matrix.apply(coefficients, out),
+            Matrix::LowRank(matrix) => matrix.apply(coefficients, cut, out),
+            Matrix::HaarRows(matrix) => matrix.apply(coefficients, cut, out),
+            Matrix::HaarBlocks(matrix) => matrix.apply(coefficients, cut, out),
         }
+    }
+
+    /// What culling asks, for a cloud of `count` samples: found once.
+    pub(super) fn norms(&self, count: usize) -> &Norms {
+        self.norms.get_or_init(|| match &self.matrix {
+            Matrix::LowRank(matrix) => matrix.norms(count),
+            Matrix::HaarRows(matrix) => matrix.norms(count),
+            Matrix::HaarBlocks(matrix) => matrix.norms(count),
+        })
     }
 
     /// Bytes stored, the prior included.
@@ -67,6 +121,7 @@ impl Operator {
             + match &self.matrix {
                 Matrix::LowRank(matrix) => matrix.bytes(),
                 Matrix::HaarRows(matrix) => matrix.bytes(),
+                Matrix::HaarBlocks(matrix) => matrix.bytes(),
             }
     }
 
@@ -75,6 +130,7 @@ impl Operator {
         match self.matrix {
             Matrix::LowRank(_) => Encoding::LowRank,
             Matrix::HaarRows(_) => Encoding::HaarRows,
+            Matrix::HaarBlocks(_) => Encoding::HaarBlocks,
         }
     }
 
@@ -83,6 +139,7 @@ impl Operator {
         match &self.matrix {
             Matrix::LowRank(matrix) => self.weights.len() == count && matrix.is_sound(self.rows, count),
             Matrix::HaarRows(matrix) => self.weights.is_empty() && matrix.is_sound(self.rows, count),
+            Matrix::HaarBlocks(matrix) => self.weights.is_empty() && matrix.is_sound(self.rows, count),
         }
     }
 }

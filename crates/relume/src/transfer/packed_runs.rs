@@ -116,9 +116,24 @@ impl<'a> Runs<'a> {
         Self { widths, bytes }
     }
 
-    /// `sum q x` for three vectors `x`, as long as the runs.
-    pub(super) fn dot(self, [red, green, blue]: [&[f32]; 3]) -> [f32; 3] {
-        dot(self.widths, self.bytes, red, green, blue)
+    /// `sum q x` for three vectors `x`, as long as the runs, over those runs that are `bright`.
+    pub(super) fn dot(self, bright: &[bool], [red, green, blue]: [&[f32]; 3]) -> [f32; 3] {
+        dot(self.widths, self.bytes, bright, red, green, blue)
+    }
+
+    /// `sum q q`.
+    pub(super) fn square(self) -> f32 {
+        let mut sum = 0.0;
+        for_lanes(self.widths, self.bytes, |_| true, |_, q| sum += q.iter().map(|q| q * q).sum::<f32>());
+        sum
+    }
+
+    /// Adds `q q scale` to a vector, as long as the runs.
+    pub(super) fn add_squares(self, scale: f32, sums: &mut [f32]) {
+        let add = |place: usize, q: [f32; LANES]| {
+            sums[place..place + LANES].iter_mut().zip(q).for_each(|(sum, q)| *sum += scale * q * q);
+        };
+        for_lanes(self.widths, self.bytes, |_| true, add);
     }
 
     /// Adds `q y` to three vectors, as long as the runs.
@@ -127,13 +142,22 @@ impl<'a> Runs<'a> {
     }
 }
 
-/// Calls `each` with the place of the first and the values of every `LANES` values that are not all zero by their width.
+/// Calls `each` with the place of the first and the values of every `LANES` values, but for runs of zeros and those that are not to be
+/// `taken`.
 #[inline(always)]
-fn for_lanes(widths: &[u8], bytes: &[u8], mut each: impl FnMut(usize, [f32; LANES])) {
+fn for_lanes(
+    widths: &[u8],
+    bytes: &[u8],
+    taken: impl Fn(usize) -> bool,
+    mut each: impl FnMut(usize, [f32; LANES]),
+) {
     let mut rest = bytes;
     for (run, &width) in widths.iter().enumerate() {
         let (bytes, after) = rest.split_at(run_bytes(width));
         rest = after;
+        if !taken(run) {
+            continue;
+        }
         let mut place = run * RUN;
         match width {
             2 => {
@@ -169,9 +193,10 @@ fn for_lanes(widths: &[u8], bytes: &[u8], mut each: impl FnMut(usize, [f32; LANE
 }
 
 #[multiversion(targets("x86_64+avx2+fma"))]
-fn dot(widths: &[u8], bytes: &[u8], red: &[f32], green: &[f32], blue: &[f32]) -> [f32; 3] {
+fn dot(widths: &[u8], bytes: &[u8], bright: &[bool], red: &[f32], green: &[f32], blue: &[f32]) -> [f32; 3] {
     let mut sums = [[0.0_f32; LANES]; 3];
-    for_lanes(widths, bytes, |place, q| {
+    let taken = |run: usize| bright[run];
+    for_lanes(widths, bytes, taken, |place, q| {
         let lanes = place..place + LANES;
         let (r, g, b) = (&red[lanes.clone()], &green[lanes.clone()], &blue[lanes]);
         for lane in 0..LANES {
@@ -192,15 +217,20 @@ fn add_weighted(
     green: &mut [f32],
     blue: &mut [f32],
 ) {
-    for_lanes(widths, bytes, |place, q| {
-        let lanes = place..place + LANES;
-        let (r, g, b) = (&mut red[lanes.clone()], &mut green[lanes.clone()], &mut blue[lanes]);
-        for lane in 0..LANES {
-            r[lane] += q[lane] * y[0];
-            g[lane] += q[lane] * y[1];
-            b[lane] += q[lane] * y[2];
-        }
-    });
+    for_lanes(
+        widths,
+        bytes,
+        |_| true,
+        |place, q| {
+            let lanes = place..place + LANES;
+            let (r, g, b) = (&mut red[lanes.clone()], &mut green[lanes.clone()], &mut blue[lanes]);
+            for lane in 0..LANES {
+                r[lane] += q[lane] * y[0];
+                g[lane] += q[lane] * y[1];
+                b[lane] += q[lane] * y[2];
+            }
+        },
+    );
 }
 
 #[cfg(test)]
@@ -271,14 +301,20 @@ mod tests {
         let x: [Vec<f32>; 3] = std::array::from_fn(|c| {
             (0..plain.len()).map(|i| unit(hash(i as u32, 10 + c as u32)) - 0.5).collect()
         });
-        let dots = packed.runs().dot(x.each_ref().map(|x| &x[..]));
+        let mut bright = vec![true; packed.widths.len()];
+        bright[2] = false;
+        let dots = packed.runs().dot(&bright, x.each_ref().map(|x| &x[..]));
         let mut sums = x.clone();
         let [red, green, blue] = &mut sums;
         packed.runs().add_weighted([1.0, -2.0, 0.5], [red, green, blue]);
         for c in 0..3 {
-            let expected: f64 = plain.iter().zip(&x[c]).map(|(&q, &x)| f64::from(q) * f64::from(x)).sum();
-            let scale: f64 = plain.iter().zip(&x[c]).map(|(&q, &x)| (f64::from(q) * f64::from(x)).abs()).sum();
+            let terms: Vec<f64> =
+                plain.iter().zip(&x[c]).map(|(&q, &x)| f64::from(q) * f64::from(x)).collect();
+            let terms = || terms.iter().enumerate().filter(|(i, _)| bright[i / RUN]).map(|(_, term)| term);
+            let (expected, scale) = (terms().sum::<f64>(), terms().map(|term| term.abs()).sum::<f64>());
             assert!((f64::from(dots[c]) - expected).abs() < 1e-6 * scale, "{} {expected}", dots[c]);
+            let squares: f32 = plain.iter().map(|&q| f32::from(q).powi(2)).sum();
+            assert!((packed.runs().square() / squares - 1.0).abs() < 1e-5);
             for (i, &q) in plain.iter().enumerate() {
                 let expected = x[c][i] + f32::from(q) * [1.0, -2.0, 0.5][c];
                 assert!((sums[c][i] - expected).abs() <= 1e-6 * expected.abs(), "{} {expected}", sums[c][i]);

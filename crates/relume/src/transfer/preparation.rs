@@ -5,14 +5,16 @@ use std::time::Instant;
 use glam::{Vec2, Vec3};
 use xxhash_rust::xxh3::Xxh3;
 
-use super::compute::{self, Computed, Encoder, Plan, RowEstimator};
+use super::compute::{self, Computed, Encoder, Haar, Plan, RowEstimator};
 use super::form_factors::Patches;
 use super::low_rank::LowRankSettings;
 use super::paper_rows::{ClusterBounds, PaperRows};
 use super::prior::LightPrior;
 use super::rows::{RowSettings, RowSource};
 use super::tiles::{Spread, TILE};
-use super::{Buffer, Encoding, Occluders, Operator, Report, Timings, Transfer, blocks, prior};
+use super::{
+    Buffer, Encoding, ImageLayout, Occluders, Operator, Report, Selection, Timings, Transfer, blocks, prior,
+};
 use crate::progress::Progress;
 use crate::sample::{CellMap, CloudMethod, CloudSettings, GatherCloud, QUAD, Receivers, ViewSamples};
 use crate::scene::{Camera, Geometry, Scene};
@@ -58,11 +60,13 @@ pub struct Settings {
     pub quality: Quality,
     /// How operators are stored.
     pub encoding: Encoding,
+    /// By what an encoding chooses the coefficients that it keeps; `None` stands for its own way ([`Encoding::selection`]).
+    pub selection: Option<Selection>,
     /// How rows are estimated.
     pub rows: RowMethod,
     /// Whether surfaces also show reflections of indirect light, along their specular lobes.
     pub glossy: bool,
-    /// Coefficients a row of `haar-rows`; the paper keeps 100.
+    /// Coefficients a row of `haar-rows` and `haar-blocks`; the paper keeps 100.
     pub coefficients: usize,
     /// Of all random numbers.
     pub seed: u32,
@@ -77,11 +81,19 @@ impl Default for Settings {
             cloud: CloudMethod::Adaptive,
             quality: Quality::Standard,
             encoding: Encoding::LowRank,
+            selection: None,
             rows: RowMethod::Balanced,
             glossy: true,
             coefficients: 100,
             seed: 0,
         }
+    }
+}
+
+impl Settings {
+    /// By what the encoding chooses coefficients.
+    pub fn selection(&self) -> Selection {
+        self.selection.unwrap_or_else(|| self.encoding.selection())
     }
 }
 
@@ -384,36 +396,54 @@ impl Shot<'_> {
         let bounce = {
             let prior = self.prior(cloud, &lights, None, progress)?;
             let share = (self.settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
-            let encoder = encoder(effort.bounce_encoding, prior.as_ref(), share);
+            let store = Store::new(self.settings, effort.bounce_encoding, prior, share, count);
             let rows = blocks::of_cloud(cloud, (count / 64).clamp(BOUNCE_BLOCK.0, BOUNCE_BLOCK.1), seed);
             progress.stage("bounces", rows.points.len() as u64);
-            let estimator = estimator(effort.bounce_rows);
-            compute::compute(Plan { estimator, encoder, glossy: false, count }, &rows, progress)?
+            let layout = ImageLayout::of_cloud(count);
+            let plan = Plan {
+                estimator: estimator(effort.bounce_rows),
+                encoder: store.encoder(&layout),
+                glossy: false,
+                count,
+            };
+            compute::compute(plan, &rows, progress)?
         };
         let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
         drop(lights);
-        let encoder = encoder(effort.gather_encoding, prior.as_ref(), self.settings.coefficients);
+        let store =
+            Store::new(self.settings, effort.gather_encoding, prior, self.settings.coefficients, count);
         let (width, height) = self.settings.size;
         let length = receiver_block(width * height);
         let rows = blocks::of_receivers(&receivers.points, length, seed, progress)?;
+        let layout = ImageLayout::of_receivers(width, receivers, &rows.owners);
         let mut gather_rows = effort.gather_rows;
         if length <= TILE {
             gather_rows.faint *= FAINT_ALONE;
         }
         progress.stage("final gather", rows.points.len() as u64);
-        let plan = Plan { estimator: estimator(gather_rows), encoder, glossy: self.settings.glossy, count };
+        let plan = Plan {
+            estimator: estimator(gather_rows),
+            encoder: store.encoder(&layout),
+            glossy: self.settings.glossy,
+            count,
+        };
         let gather = compute::compute(plan, &rows, progress)?;
         Ok((gather, bounce, rows.owners))
     }
 
-    /// Light on the cloud to learn from. Only the default encoding learns.
+    /// Whether something is learned from random lights: what light is likely, or at least, which of it goes together.
+    fn learns(&self) -> bool {
+        self.settings.encoding == Encoding::LowRank || self.settings.selection() == Selection::Prior
+    }
+
+    /// Light on the cloud to learn from; none where nothing is learned.
     fn training_light(
         &self,
         cloud: &GatherCloud,
         count: usize,
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<f32>>> {
-        if self.settings.encoding != Encoding::LowRank {
+        if !self.learns() {
             return Ok(Vec::new());
         }
         let lights = prior::training_lights(cloud, self.accel, count, self.settings.seed);
@@ -427,11 +457,11 @@ impl Shot<'_> {
         bounce: Option<&Operator>,
         progress: &dyn Progress,
     ) -> Result<Option<LightPrior>> {
-        if self.settings.encoding != Encoding::LowRank {
+        if !self.learns() {
             return Ok(None);
         }
         progress.stage("light prior", lights.len() as u64);
-        LightPrior::new(cloud, lights, bounce, progress).map(Some)
+        LightPrior::new(cloud, lights, self.settings.selection(), bounce, progress).map(Some)
     }
 }
 
@@ -450,11 +480,41 @@ fn row_numbers(owners: &[u32]) -> impl Fn(&[u32]) -> Buffer<u32> {
     }
 }
 
-/// `low-rank` with a prior, `haar-rows` without.
-fn encoder(low_rank: LowRankSettings, prior: Option<&LightPrior>, per_row: usize) -> Encoder<'_> {
-    match prior {
-        Some(prior) => Encoder::LowRank { settings: low_rank, prior },
-        None => Encoder::HaarRows { per_row },
+/// How one operator is stored, with what was learned for it.
+enum Store {
+    LowRank { settings: LowRankSettings, prior: LightPrior },
+    Haar { per_row: usize, weights: Vec<f32>, as_images: bool },
+}
+
+impl Store {
+    /// `prior` is there wherever something is learned.
+    fn new(
+        settings: &Settings,
+        low_rank: LowRankSettings,
+        prior: Option<LightPrior>,
+        per_row: usize,
+        count: usize,
+    ) -> Self {
+        match (settings.encoding, prior) {
+            (Encoding::LowRank, Some(prior)) => Self::LowRank { settings: low_rank, prior },
+            (encoding, prior) => Self::Haar {
+                per_row,
+                weights: match prior {
+                    Some(prior) => prior.magnitudes,
+                    None => settings.selection().unlearned(count).unwrap_or_else(|| vec![1.0; count]),
+                },
+                as_images: encoding == Encoding::HaarBlocks,
+            },
+        }
+    }
+
+    fn encoder<'a>(&'a self, layout: &'a ImageLayout) -> Encoder<'a> {
+        match self {
+            Self::LowRank { settings, prior } => Encoder::LowRank { settings: *settings, prior },
+            Self::Haar { per_row, weights, as_images } => {
+                Encoder::Haar(Haar { per_row: *per_row, weights, layout: as_images.then_some(layout) })
+            }
+        }
     }
 }
 

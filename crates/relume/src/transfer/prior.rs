@@ -9,7 +9,7 @@ use std::f32::consts::PI;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Coefficients, Operator, bounces, haar};
+use super::{Coefficients, Operator, Selection, bounces, haar};
 use crate::progress::Progress;
 use crate::sample::{GatherCloud, illuminate};
 use crate::scene::{Light, LightKind};
@@ -88,7 +88,8 @@ pub(super) fn train(
 /// What is known of light on the cloud before a lamp is set. Errors are relative to each image: a light that shines on little, and
 /// brightly, counts no more than others. All are scaled to the same energy, a mean square of one on the cloud.
 pub(super) struct LightPrior {
-    /// `D`: the expected magnitude of each Haar coefficient, all channels; its mean square is one.
+    /// `D`: the expected magnitude of each Haar coefficient, all channels; its mean square is one. Learned, or what another
+    /// [`Selection`] puts in its place.
     pub(super) magnitudes: Vec<f32>,
     /// `C`: the grey coefficients of the training lights over `D`. Row after row, a row a coefficient, a column a light.
     pub(super) training: Vec<f32>,
@@ -114,10 +115,12 @@ struct Lessons {
 }
 
 impl LightPrior {
-    /// Learns from `lights` on the cloud, with their bounces where a bounce operator is given.
+    /// Learns from `lights` on the cloud, with their bounces where a bounce operator is given. `selection` says whether magnitudes
+    /// are learned as well.
     pub(super) fn new(
         cloud: &GatherCloud,
         lights: &[Vec<f32>],
+        selection: Selection,
         bounce: Option<&Operator>,
         progress: &dyn Progress,
     ) -> Result<Self> {
@@ -145,7 +148,7 @@ impl LightPrior {
             progress.advance(1);
         }
         let Lessons { grey, variance } = lessons;
-        let magnitudes = magnitudes(&variance);
+        let magnitudes = selection.unlearned(count).unwrap_or_else(|| magnitudes(&variance));
         Ok(Self {
             training: columns(&grey, &magnitudes),
             lights: grey.len(),

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 use relume::reference::{MAX_BOUNCE_IMAGES, Paths};
-use relume::transfer::{Encoding, Quality, RowMethod, Settings};
+use relume::transfer::{Encoding, Quality, RowMethod, Selection, Settings};
 use relume::{Error, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -36,6 +36,12 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = "low-rank,haar-rows",
           value_parser = named::<Encoding>)]
     pub(crate) encodings: Vec<Encoding>,
+    /// By what each encoding chooses coefficients, a line each: area, plain, prior [default: each encoding's own way].
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = named::<Selection>)]
+    selections: Vec<Selection>,
+    /// Coefficients a row of haar-rows and haar-blocks.
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=4096))]
+    coefficients: u16,
     /// How rows are estimated: balanced, or paper.
     #[arg(long, value_name = "METHOD", default_value = "balanced", value_parser = named::<RowMethod>)]
     rows: RowMethod,
@@ -125,13 +131,24 @@ impl Arguments {
         if folder.is_dir() { Ok(folder) } else { Err(no_folder(&folder, "--scenes")) }
     }
 
+    /// What is measured: every encoding with every selection; `None` is its own.
+    pub(crate) fn ways(&self) -> Vec<(Encoding, Option<Selection>)> {
+        let own = [None];
+        let chosen: Vec<_> = self.selections.iter().copied().map(Some).collect();
+        let selections = if chosen.is_empty() { &own[..] } else { &chosen };
+        let of_encoding = |&encoding| selections.iter().map(move |&selection| (encoding, selection));
+        self.encodings.iter().flat_map(of_encoding).collect()
+    }
+
     /// Settings of a preparation.
-    pub(crate) fn preparation(&self, encoding: Encoding) -> Settings {
+    pub(crate) fn preparation(&self, (encoding, selection): (Encoding, Option<Selection>)) -> Settings {
         Settings {
             size: self.size,
             gather: self.gather,
             quality: self.quality,
             encoding,
+            selection,
+            coefficients: usize::from(self.coefficients),
             rows: self.rows,
             glossy: self.paths != Truth::Diffuse,
             seed: self.seed,
@@ -179,6 +196,15 @@ fn named<T: DeserializeOwned>(text: &str) -> Result<T, String> {
 pub(crate) fn name_of(setting: &impl Serialize) -> String {
     let value = serde_json::to_value(setting).unwrap_or_default();
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// What the tables call a preparation.
+pub(crate) fn way_name(settings: &Settings) -> String {
+    let encoding = name_of(&settings.encoding);
+    match settings.selection {
+        None => encoding,
+        Some(selection) => format!("{encoding} by {}", name_of(&selection)),
+    }
 }
 
 /// What the tables call a truth.
@@ -247,6 +273,14 @@ mod tests {
         assert_eq!(arguments.bounces, [Bounces(Some(1)), Bounces(None)]);
         assert_eq!(arguments.encodings, [Encoding::HaarRows]);
         assert_eq!(name_of(&Encoding::HaarRows), "haar-rows");
+        assert_eq!(arguments.ways(), [(Encoding::HaarRows, None)]);
+        let line = ["quality", "--encodings", "haar-blocks,low-rank", "--selections", "plain,prior"];
+        let ways = Arguments::try_parse_from(line).unwrap();
+        let names: Vec<_> = ways.ways().iter().map(|&way| way_name(&ways.preparation(way))).collect();
+        assert_eq!(
+            names,
+            ["haar-blocks by plain", "haar-blocks by prior", "low-rank by plain", "low-rank by prior"]
+        );
         assert_eq!(arguments.truths().len(), 2);
         assert_eq!(arguments.names.len(), 5);
     }

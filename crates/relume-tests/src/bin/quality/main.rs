@@ -25,11 +25,11 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use relume::reference::Paths;
-use relume::transfer::Encoding;
+use relume::transfer::{Encoding, Selection};
 use relume::{Error, Progress, Relighter, Result, atomic_write};
 use relume_io::rig_to_toml;
 
-use arguments::{Arguments, Bounces, name_of, paths_name};
+use arguments::{Arguments, Bounces, paths_name, way_name};
 use figures::{Column, Errors, LightErrors, Summary, relight};
 use lights::Case;
 use pictures::Sheet;
@@ -129,7 +129,7 @@ fn measure_scene(mut shot: Shot, arguments: &Arguments) -> Result<SceneReport> {
     let references = References { folder: arguments.cache.clone(), settings };
     let mut measurement = Measurement { arguments, shot, cases, references, sheet: Sheet::new(size) };
     measurement.trace_references()?;
-    let encodings = arguments.encodings.iter().map(|&encoding| measurement.measure(encoding));
+    let encodings = arguments.ways().into_iter().map(|way| measurement.measure(way));
     let encodings = encodings.collect::<Result<Vec<_>>>()?;
     let Measurement { shot, cases, sheet, .. } = measurement;
     let light = |case: &Case| LightReport { name: case.name.clone(), rig: rig_to_toml(&case.rig) };
@@ -159,14 +159,14 @@ impl Measurement<'_> {
             .try_for_each(|(case, paths)| references.trace(shot, case, paths, &job).map(|_| ()))
     }
 
-    /// Prepares the scene in one encoding and relights it under all lights.
-    fn measure(&mut self, encoding: Encoding) -> Result<EncodingReport> {
+    /// Prepares the scene in one way and relights it under all lights.
+    fn measure(&mut self, way: (Encoding, Option<Selection>)) -> Result<EncodingReport> {
         let arguments = self.arguments;
-        let settings = arguments.preparation(encoding);
+        let settings = arguments.preparation(way);
         let (transfer, record) =
             preparations::prepare(&self.shot, &settings, &arguments.cache, arguments.fresh)?;
         let mut report = EncodingReport {
-            encoding: name_of(&encoding),
+            encoding: way_name(&settings),
             settings,
             bytes_per_pixel: transfer.bytes_per_pixel(),
             prepare_seconds: record.seconds,
@@ -188,7 +188,7 @@ impl Measurement<'_> {
     /// The errors against one truth, for each number of bounces.
     fn columns(&mut self, relighter: &mut Relighter, paths: Paths) -> Result<Vec<Column>> {
         let counts = &self.arguments.bounces;
-        let name = name_of(&relighter.transfer().report.settings.encoding);
+        let name = way_name(&relighter.transfer().report.settings);
         let job = Job::new(format!("{}, {name}: relighting", self.shot.name), self.cases.len() as u64);
         let mut lights: Vec<Vec<LightErrors>> = vec![Vec::new(); counts.len()];
         for case in &self.cases {

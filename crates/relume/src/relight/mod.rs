@@ -17,7 +17,7 @@ use crate::image::{Image, Layers, LightLayers};
 use crate::sample::{edge_pixels, illuminate};
 use crate::scene::{Light, LightRig};
 use crate::trace::Accel;
-use crate::transfer::{BounceSeries, Transfer};
+use crate::transfer::{CloudBounces, Transfer};
 use crate::{Error, Progress, Result};
 
 /// Which light to show.
@@ -108,7 +108,7 @@ pub const EMISSION: &str = "emission";
 pub struct Relighter {
     transfer: Arc<Transfer>,
     accel: Accel,
-    bounces: BounceSeries,
+    bounces: CloudBounces,
     edges: Vec<bool>,
     /// Where the transfer has reflections.
     tints: Option<upsample::Tints>,
@@ -127,10 +127,9 @@ impl Relighter {
     pub fn new(transfer: impl Into<Arc<Transfer>>) -> Self {
         crate::shade::warm_up();
         let transfer = transfer.into();
-        let albedo: Vec<Vec3> = transfer.cloud.samples.iter().map(|sample| sample.albedo).collect();
         Self {
             accel: transfer.occluders.accel(),
-            bounces: BounceSeries::new(&transfer.bounce, &albedo),
+            bounces: CloudBounces::new(&transfer),
             edges: edge_pixels(&transfer.view),
             tints: transfer.glossy.is_some().then(|| upsample::Tints::new(&transfer.view)),
             kept: Vec::new(),
@@ -168,7 +167,8 @@ impl Relighter {
     /// their share of the sum.
     ///
     /// # Errors
-    /// [`Error::Setting`] unless `aa` is 1 or 2 and every emitter of the rig names a material of the scene.
+    /// [`Error::Setting`] unless `aa` is 1 or 2, every emitter of the rig names a material of the scene, and the shot can tell so many
+    /// bounces apart ([`Multibounce::check_bounces`](crate::transfer::Multibounce::check_bounces)).
     pub fn relight(&mut self, rig: &LightRig, settings: &RelightSettings) -> Result<Layers> {
         self.relight_watched(rig, settings, &())
     }
@@ -188,6 +188,10 @@ impl Relighter {
         }
         let began = Instant::now();
         let glows = self.glows(rig)?;
+        if settings.only != Only::Direct {
+            let emits = glows.iter().any(|(_, scale)| *scale != Vec3::ZERO);
+            self.transfer.multibounce().check_bounces(settings.bounces, emits)?;
+        }
         self.stats = FrameStats::default();
         let shining: Vec<&Light> =
             rig.lights.iter().filter(|light| light.enabled && light.color() != Vec3::ZERO).collect();
@@ -254,7 +258,12 @@ impl Relighter {
     /// Light on the cloud, bounced and gathered to the pixels.
     fn gather(&mut self, radiance: &[Vec3], times: Option<u32>, aa: u32) -> Vec<Vec3> {
         let began = Instant::now();
-        let (bounced, steps) = self.bounces.sum(&self.transfer.bounce, radiance, times);
+        let bounced = self.bounces.sum(&self.transfer.bounce, radiance, times);
+        self.gather_bounced(bounced, began, aa)
+    }
+
+    /// The final gather of light on the cloud that has bounced in so many steps since `began`.
+    fn gather_bounced(&mut self, (bounced, steps): (Vec<Vec3>, u32), began: Instant, aa: u32) -> Vec<Vec3> {
         self.stats.bounce_steps += steps;
         self.stats.bounces_ms += milliseconds(began);
         let began = Instant::now();
@@ -319,9 +328,10 @@ impl Relighter {
             direct::add_emission(&transfer.view, settings.aa, shines, &mut lit.direct.pixels);
         }
         if settings.only != Only::Direct && settings.bounces != Some(0) {
-            let bounced = self.bounces.reflect(&transfer.bounce, &emitted);
-            lit.indirect.pixels =
-                self.gather(&bounced, settings.bounces.map(|bounces| bounces - 1), settings.aa);
+            let began = Instant::now();
+            let times = settings.bounces.map(|bounces| bounces - 1);
+            let bounced = self.bounces.sum_reflected(&transfer.bounce, &emitted, times);
+            lit.indirect.pixels = self.gather_bounced(bounced, began, settings.aa);
         }
         lit
     }

@@ -119,6 +119,8 @@ pub struct CellMap {
     cuts: Cuts,
     /// [`TARGETS`] points for each gather sample, uniform over the area of its cell, lifted off the surface.
     pub targets: Vec<Vec3>,
+    /// The surface's normal at each of `targets`, on the side that is lifted from.
+    pub target_normals: Vec<PackedNormal>,
     /// For each gather sample, the middle of its cell's area and the mean normal, which is shorter than 1 where the cell is
     /// bent: where form factors are taken. The sample itself lies in the middle of what is seen, nearer to who sees it.
     pub middles: Vec<(Vec3, Vec3)>,
@@ -233,8 +235,13 @@ fn ordered(
         sub_samples: in_order().flat_map(|cell| cell.sub_samples).collect(),
         emitted: (0..).zip(in_order()).flat_map(|(sample, cell)| cell.emitted(sample)).collect(),
     };
-    let targets = in_order().flat_map(|cell| cell.targets).collect();
-    Ok((cloud, CellMap { cuts, targets, middles: in_order().map(|cell| cell.middle).collect() }))
+    let map = CellMap {
+        cuts,
+        targets: in_order().flat_map(|cell| cell.targets.map(|(place, _)| place)).collect(),
+        target_normals: in_order().flat_map(|cell| cell.targets.map(|(_, normal)| normal)).collect(),
+        middles: in_order().map(|cell| cell.middle).collect(),
+    };
+    Ok((cloud, map))
 }
 
 fn check_count(count: usize) -> Result<()> {
@@ -259,7 +266,7 @@ fn too_few(count: usize) -> Error {
 struct Portrait {
     sample: GatherSample,
     sub_samples: [SubSample; SUB_SAMPLES],
-    targets: [Vec3; TARGETS],
+    targets: [(Vec3, PackedNormal); TARGETS],
     middle: (Vec3, Vec3),
     /// Mean emission by material; few have any.
     emitted: Vec<(u32, Vec3)>,
@@ -344,7 +351,10 @@ impl Build<'_> {
         let mean = |of: fn(&crate::shade::Surface) -> Vec3| {
             speakers.iter().map(|speaker| of(&surface(speaker)) * speaker.weight).sum::<Vec3>()
         };
-        let lifted = |speaker: &Speaker| offset_origin(speaker.position, speaker.normal);
+        let lifted = |speaker: &Speaker| {
+            (offset_origin(speaker.position, speaker.normal), PackedNormal::new(speaker.normal))
+        };
+        let alone = (typical.position, PackedNormal::new(typical.normal));
         Portrait {
             sample: GatherSample {
                 position: typical.position,
@@ -359,9 +369,7 @@ impl Build<'_> {
             sub_samples,
             middle,
             emitted,
-            targets: std::array::from_fn(|i| {
-                solid.get(i % solid.len().max(1)).map_or(typical.position, lifted)
-            }),
+            targets: std::array::from_fn(|i| solid.get(i % solid.len().max(1)).map_or(alone, lifted)),
         }
     }
 }

@@ -128,7 +128,7 @@ fn terms(ratio: f64) -> u32 {
 }
 
 /// `A M light`.
-fn reflected(bounce: &Operator, albedo: &[Vec3], light: &[Vec3]) -> Vec<Vec3> {
+pub(super) fn reflected(bounce: &Operator, albedo: &[Vec3], light: &[Vec3]) -> Vec<Vec3> {
     let mut reflected = bounce.apply(light);
     reflected.par_iter_mut().zip(albedo).with_min_len(4096).for_each(|(light, albedo)| *light *= *albedo);
     reflected

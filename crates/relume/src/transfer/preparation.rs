@@ -9,10 +9,11 @@ use super::compute::{self, Computed, Encoder, Plan, RowEstimator};
 use super::form_factors::Patches;
 use super::low_rank::LowRankSettings;
 use super::paper_rows::{ClusterBounds, PaperRows};
+use super::photons::{PhotonSettings, PhotonSource};
 use super::prior::LightPrior;
 use super::rows::{RowSettings, RowSource};
 use super::tiles::{Spread, TILE};
-use super::{Buffer, Encoding, Occluders, Operator, Report, Timings, Transfer, blocks, prior};
+use super::{Buffer, Encoding, Multibounce, Occluders, Operator, Report, Timings, Transfer, blocks, prior};
 use crate::progress::Progress;
 use crate::sample::{CellMap, CloudMethod, CloudSettings, GatherCloud, QUAD, Receivers, ViewSamples};
 use crate::scene::{Camera, Geometry, Scene};
@@ -60,6 +61,10 @@ pub struct Settings {
     pub encoding: Encoding,
     /// How rows are estimated.
     pub rows: RowMethod,
+    /// What the bounce operator holds, and how it is estimated.
+    pub multibounce: Multibounce,
+    /// Of [`Multibounce::Photon`].
+    pub photons: PhotonSettings,
     /// Whether surfaces also show reflections of indirect light, along their specular lobes.
     pub glossy: bool,
     /// Coefficients a row of `haar-rows`; the paper keeps 100.
@@ -78,6 +83,8 @@ impl Default for Settings {
             quality: Quality::Standard,
             encoding: Encoding::LowRank,
             rows: RowMethod::Balanced,
+            multibounce: Multibounce::default(),
+            photons: PhotonSettings::default(),
             glossy: true,
             coefficients: 100,
             seed: 0,
@@ -260,6 +267,7 @@ impl<'a> Preparation<'a> {
                 self.settings.coefficients
             )));
         }
+        self.settings.photons.check()?;
         self.scene.cameras.get(self.settings.camera).ok_or_else(|| {
             Error::Setting(format!(
                 "no camera {}: the scene has {}, numbered from 0",
@@ -380,11 +388,22 @@ impl Shot<'_> {
             let share = (self.settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
             let encoder = encoder(effort.bounce_encoding, prior.as_ref(), share);
             let rows = blocks::of_cloud(cloud, (count / 64).clamp(BOUNCE_BLOCK.0, BOUNCE_BLOCK.1), seed);
-            progress.stage("bounces", rows.points.len() as u64);
-            let estimator = estimator(effort.bounce_rows);
-            compute::compute(Plan { estimator, encoder, glossy: false, count }, &rows, progress)?
+            let compute = |estimator| {
+                progress.stage("bounces", rows.points.len() as u64);
+                compute::compute(Plan { estimator, encoder, glossy: false, count }, &rows, progress)
+            };
+            match self.settings.multibounce {
+                Multibounce::Iterated => compute(estimator(effort.bounce_rows))?,
+                Multibounce::Photon => {
+                    let source = self.photons(cloud, map);
+                    let photons = source.shoot(progress)?;
+                    let computed = compute(RowEstimator::Photons(&photons))?;
+                    Computed { rays: computed.rays + photons.rays(), ..computed }
+                }
+            }
         };
-        let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
+        let times = self.settings.multibounce.times_to_learn();
+        let prior = self.prior(cloud, &lights, Some((&bounce.operator, times)), progress)?;
         drop(lights);
         let encoder = encoder(effort.gather_encoding, prior.as_ref(), self.settings.coefficients);
         let (width, height) = self.settings.size;
@@ -398,6 +417,11 @@ impl Shot<'_> {
         let plan = Plan { estimator: estimator(gather_rows), encoder, glossy: self.settings.glossy, count };
         let gather = compute::compute(plan, &rows, progress)?;
         Ok((gather, bounce, rows.owners))
+    }
+
+    fn photons<'a>(&'a self, cloud: &'a GatherCloud, map: &'a CellMap) -> PhotonSource<'a> {
+        let Settings { photons: settings, seed, .. } = *self.settings;
+        PhotonSource { accel: self.accel, geometry: self.geometry, map, cloud, settings, seed }
     }
 
     /// Light on the cloud to learn from. Only the default encoding learns.
@@ -418,7 +442,7 @@ impl Shot<'_> {
         &self,
         cloud: &GatherCloud,
         lights: &[Vec<f32>],
-        bounce: Option<&Operator>,
+        bounce: Option<(&Operator, u32)>,
         progress: &dyn Progress,
     ) -> Result<Option<LightPrior>> {
         if self.settings.encoding != Encoding::LowRank {

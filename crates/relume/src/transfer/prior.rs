@@ -114,11 +114,11 @@ struct Lessons {
 }
 
 impl LightPrior {
-    /// Learns from `lights` on the cloud, with their bounces where a bounce operator is given.
+    /// Learns from `lights` on the cloud, with their bounces where a bounce operator is given and how often to apply it.
     pub(super) fn new(
         cloud: &GatherCloud,
         lights: &[Vec<f32>],
-        bounce: Option<&Operator>,
+        bounce: Option<(&Operator, u32)>,
         progress: &dyn Progress,
     ) -> Result<Self> {
         let count = cloud.len();
@@ -134,8 +134,8 @@ impl LightPrior {
                 return Err(Error::Cancelled);
             }
             let mut light: Vec<Vec3> = light.iter().zip(&tints).map(|(grey, tint)| *grey * *tint).collect();
-            if let Some(bounce) = bounce {
-                light = bounces::gather_bounces(bounce, &albedo, &light, Some(4)).0;
+            if let Some((bounce, times)) = bounce {
+                light = bounces::gather_bounces(bounce, &albedo, &light, Some(times)).0;
             }
             if index < first_held {
                 lessons.learn(&light);

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 use relume::reference::{MAX_BOUNCE_IMAGES, Paths};
-use relume::transfer::{Encoding, Quality, RowMethod, Settings};
+use relume::transfer::{Encoding, Multibounce, PhotonSettings, Quality, RowMethod, Settings};
 use relume::{Error, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -39,6 +39,19 @@ pub(crate) struct Arguments {
     /// How rows are estimated: balanced, or paper.
     #[arg(long, value_name = "METHOD", default_value = "balanced", value_parser = named::<RowMethod>)]
     rows: RowMethod,
+    /// How light goes on from surface to surface: iterated, or photon, which needs `--bounces all`; each one is a line of the table.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = "iterated",
+          value_parser = named::<Multibounce>)]
+    pub(crate) multibounce: Vec<Multibounce>,
+    /// Photons to shoot for `photon`.
+    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    photons: u32,
+    /// Photons that a row is made of.
+    #[arg(long, value_name = "N", default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    photons_per_row: u32,
+    /// Surfaces that a photon hits at most [default: as many as their albedo lets it].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    photon_path: Option<u32>,
     /// Lights to make for each scene.
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub(crate) lights: u32,
@@ -125,14 +138,36 @@ impl Arguments {
         if folder.is_dir() { Ok(folder) } else { Err(no_folder(&folder, "--scenes")) }
     }
 
+    /// Whether what is asked for goes together.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] where photons are to tell bounces apart.
+    pub(crate) fn check(&self) -> Result<()> {
+        let some = self.bounces.iter().find(|bounces| bounces.0.is_some());
+        match some {
+            Some(some) if self.multibounce.contains(&Multibounce::Photon) => Err(Error::Setting(format!(
+                "--bounces {some}: photons cannot tell bounces apart; ask for --bounces all, or leave photon out of --multibounce"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
     /// Settings of a preparation.
-    pub(crate) fn preparation(&self, encoding: Encoding) -> Settings {
+    pub(crate) fn preparation(&self, encoding: Encoding, multibounce: Multibounce) -> Settings {
+        let photons = PhotonSettings {
+            count: self.photons as usize,
+            nearest: self.photons_per_row as usize,
+            path_length: self.photon_path,
+        };
         Settings {
             size: self.size,
             gather: self.gather,
             quality: self.quality,
             encoding,
             rows: self.rows,
+            multibounce,
+            // where they are not used, they would make another transfer of the same
+            photons: if multibounce == Multibounce::Photon { photons } else { PhotonSettings::default() },
             glossy: self.paths != Truth::Diffuse,
             seed: self.seed,
             ..Settings::default()
@@ -181,6 +216,15 @@ pub(crate) fn name_of(setting: &impl Serialize) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
+/// What the tables call a preparation: its encoding, and how light bounces where that is not the usual way.
+pub(crate) fn label(settings: &Settings) -> String {
+    let encoding = name_of(&settings.encoding);
+    match settings.multibounce {
+        Multibounce::Iterated => encoding,
+        multibounce => format!("{encoding}, {}", name_of(&multibounce)),
+    }
+}
+
 /// What the tables call a truth.
 pub(crate) fn paths_name(paths: Paths) -> &'static str {
     match paths {
@@ -226,9 +270,17 @@ mod tests {
             Arguments::try_parse_from(example.split_whitespace()).unwrap();
         }
         let wrong = |argument: &str| Arguments::try_parse_from(["quality", argument]).is_err();
-        for argument in
-            ["--size=640", "--gather=512", "--bounces=0", "--bounces=17", "--encodings=best", "--lights=0"]
-        {
+        for argument in [
+            "--multibounce=both",
+            "--photons=0",
+            "--photon-path=65",
+            "--size=640",
+            "--gather=512",
+            "--bounces=0",
+            "--bounces=17",
+            "--encodings=best",
+            "--lights=0",
+        ] {
             assert!(wrong(argument), "{argument}");
         }
     }
@@ -249,5 +301,21 @@ mod tests {
         assert_eq!(name_of(&Encoding::HaarRows), "haar-rows");
         assert_eq!(arguments.truths().len(), 2);
         assert_eq!(arguments.names.len(), 5);
+    }
+
+    #[test]
+    fn photons_are_told_in_labels_and_have_no_bounces_of_their_own() {
+        let arguments = |line: &str| Arguments::try_parse_from(line.split(' ')).unwrap();
+        let photon = arguments("quality --multibounce iterated,photon --photons 5000");
+        assert!(photon.check().is_ok());
+        let labels: Vec<_> = photon
+            .multibounce
+            .iter()
+            .map(|&multibounce| photon.preparation(Encoding::LowRank, multibounce))
+            .map(|settings| (label(&settings), settings.photons.count))
+            .collect();
+        assert_eq!(labels, [("low-rank".to_owned(), 1_000_000), ("low-rank, photon".to_owned(), 5000)]);
+        assert!(arguments("quality --multibounce iterated,photon --bounces all,2").check().is_err());
+        assert!(arguments("quality --multibounce iterated --bounces all,2").check().is_ok());
     }
 }

@@ -215,7 +215,7 @@ impl PhotonSource<'_> {
     }
 
     fn random(&self, photon: Photon, pair: u32) -> Vec2 {
-        sobol_2d(photon.index, pair, hash(photon.origin, self.seed ^ 0x70_686f_74))
+        sobol_2d(photon.index, pair, hash(photon.origin, self.seed ^ 0x7068_6f74))
     }
 
     /// From a point of the sample's cell, cosine-weighted.

@@ -101,7 +101,7 @@ fn bounces_that_photons_cannot_tell_apart_are_refused() {
             };
             match relit(Only::Both) {
                 Ok(layers) => {
-                    assert!(bounces <= allowed && (mean(&layers.indirect) == DVec3::ZERO) == (bounces == 0))
+                    assert!(bounces <= allowed && (mean(&layers.indirect) == DVec3::ZERO) == (bounces == 0));
                 }
                 Err(error) => {
                     assert!(bounces > allowed && error.is_bad_input(), "{error}");

@@ -225,7 +225,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         cache: &cache,
         seconds: began.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_resident_bytes(),
-        cache_bytes: cache.metadata().map_err(|error| relume::Error::io(&cache, "read", error))?.len(),
+        cache_bytes: cache.metadata().map_err(|error| Error::io(&cache, "read", error))?.len(),
         stages,
         warnings: &imported.warnings,
         ..Figures::of(&transfer)

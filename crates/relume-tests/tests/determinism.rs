@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use relume::glam::Vec3;
 use relume::relight::RelightSettings;
-use relume::transfer::{Encoding, RowMethod, Selection, Settings};
+use relume::transfer::{Encoding, Multibounce, RowMethod, Selection, Settings};
 use relume::{LightKind, LightRig};
 use relume_tests::prepared::{prepare, relight_afresh, tiny};
 use relume_tests::scenes::{hall, metal, omni, rig, spot};
@@ -40,6 +40,7 @@ fn threads_change_no_byte() {
         Settings { encoding: Encoding::HaarRows, ..tiny() },
         Settings { encoding: Encoding::HaarBlocks, selection: Some(Selection::Prior), ..tiny() },
         Settings { rows: RowMethod::Paper, ..tiny() },
+        Settings { multibounce: Multibounce::Photon, ..tiny() },
     ];
     for settings in ways {
         let one = outcome(1, settings.clone());

@@ -3,7 +3,7 @@
 
 use std::sync::Mutex;
 
-use relume::transfer::{Quality, Settings};
+use relume::transfer::{Multibounce, Quality, Settings};
 use relume::{Error, Preparation, Progress, Result, Transfer};
 use relume_tests::scenes::box_room;
 
@@ -28,34 +28,43 @@ impl Progress for Listener {
     }
 }
 
-fn prepare(most: u64) -> (Result<Transfer>, Vec<(String, u64, u64)>) {
+fn prepare(multibounce: Multibounce, most: u64) -> (Result<Transfer>, Vec<(String, u64, u64)>) {
     let listener = Listener { most, stages: Mutex::default() };
-    let settings = Settings { size: (40, 30), gather: 1024, quality: Quality::Draft, ..Settings::default() };
+    let settings = Settings {
+        size: (40, 30),
+        gather: 1024,
+        quality: Quality::Draft,
+        multibounce,
+        ..Settings::default()
+    };
     let outcome = Preparation::new(&box_room().scene).settings(settings).run(&listener);
     (outcome, listener.stages.into_inner().unwrap())
 }
 
 #[test]
 fn a_preparation_tells_every_step_it_announced() {
-    let (outcome, stages) = prepare(u64::MAX);
-    assert!(outcome.is_ok());
-    for (name, announced, told) in &stages {
-        // one call of a library, which tells nothing until it is done
-        if name != "acceleration structure" {
-            assert_eq!(announced, told, "{name}");
-            assert!(*announced > 1, "{name} has no steps to tell the time left by");
+    for multibounce in [Multibounce::Iterated, Multibounce::Photon] {
+        let (outcome, stages) = prepare(multibounce, u64::MAX);
+        assert!(outcome.is_ok());
+        for (name, announced, told) in &stages {
+            // one call of a library, which tells nothing until it is done
+            if name != "acceleration structure" {
+                assert_eq!(announced, told, "{name}");
+                assert!(*announced > 1, "{name} has no steps to tell the time left by");
+            }
         }
+        assert!(stages.len() > 6, "{stages:?}");
+        assert_eq!(stages.iter().any(|stage| stage.0 == "photons"), multibounce == Multibounce::Photon);
     }
-    assert!(stages.len() > 6, "{stages:?}");
 }
 
 #[test]
 fn a_preparation_stops_where_it_is_asked_to() {
-    let (_, stages) = prepare(u64::MAX);
+    let (_, stages) = prepare(Multibounce::Photon, u64::MAX);
     let mut before = 0;
     for (number, (name, steps, told)) in stages.iter().enumerate() {
         for share in [1, told / 4].into_iter().filter(|_| *steps > 1) {
-            let (outcome, begun) = prepare(before + share);
+            let (outcome, begun) = prepare(Multibounce::Photon, before + share);
             assert!(matches!(outcome, Err(Error::Cancelled)), "{name}, {share} of {steps}");
             // so small a stage may tell all of its steps at once; then the next one stops
             assert!(begun.len() <= number + 2, "{name}, {share} of {steps}: went on to {:?}", begun.last());

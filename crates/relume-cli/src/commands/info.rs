@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use relume::scene::Geometry;
-use relume::transfer::{FORMAT_VERSION, Matrix, Operator, Report};
+use relume::transfer::{FORMAT_VERSION, Matrix, Multibounce, Operator, Report, Settings};
 use relume::{Camera, Error, Light, LightKind, LightRig, Result, Transfer};
 use relume_io::{Imported, save_rig};
 use serde::Serialize;
@@ -387,6 +387,21 @@ fn setting_name(setting: impl Serialize) -> String {
     }
 }
 
+/// How the bounces were prepared.
+fn multibounce(settings: &Settings) -> String {
+    let name = setting_name(settings.multibounce);
+    if settings.multibounce != Multibounce::Photon {
+        return name;
+    }
+    let photons = settings.photons;
+    let path = photons.path_length.map_or("any number of".to_owned(), |length| format!("up to {length}"));
+    format!(
+        "{name}: {} photons of {path} hits, {} a row; relights with --bounces 0, 1 or all",
+        count(photons.count as u64),
+        count(photons.nearest as u64)
+    )
+}
+
 impl std::fmt::Display for CacheContents<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let (report, parts) = (self.report, &self.parts);
@@ -420,6 +435,7 @@ impl std::fmt::Display for CacheContents<'_> {
                 settings.seed
             ),
         );
+        table.line("multibounce", multibounce(settings));
         if !self.emitters.is_empty() {
             table.line("emitters", quoted(&self.emitters));
         }

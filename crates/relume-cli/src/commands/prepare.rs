@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use relume::sample::CloudMethod;
-use relume::transfer::{Encoding, Quality, RowMethod, Selection, Settings};
-use relume::{Preparation, Result, Transfer};
+use relume::transfer::{Encoding, Multibounce, PhotonSettings, Quality, RowMethod, Selection, Settings};
+use relume::{Error, Preparation, Result, Transfer};
 use serde::Serialize;
 
 use crate::arguments::{Threads, gather_count, image_size};
@@ -55,6 +55,11 @@ pub(crate) struct Arguments {
     /// How the transfer is estimated.
     #[arg(long, value_enum, default_value_t)]
     rows: RowsName,
+    /// How light goes on from surface to surface.
+    #[arg(long, value_enum, default_value_t)]
+    multibounce: MultibounceName,
+    #[command(flatten)]
+    photons: Photons,
     /// Leave out reflections: indirect light is then diffuse. Faster and smaller.
     #[arg(long)]
     no_glossy: bool,
@@ -124,6 +129,54 @@ enum RowsName {
     Paper,
 }
 
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+enum MultibounceName {
+    /// One bounce, gathered as pixels gather, and applied again and again.
+    #[default]
+    Iterated,
+    /// All bounces at once, from photons (Hasan 2006), for comparison. Relights in one step; `relight --bounces` is then 0, 1 or all.
+    Photon,
+}
+
+/// What photons are shot with.
+#[derive(Args, Clone, Copy, Debug)]
+struct Photons {
+    /// Photons to shoot, with --multibounce photon [default: 1000000].
+    #[arg(long = "photons", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    count: Option<u32>,
+    /// Photons that a row is made of, 1 to 65536 [default: 2000].
+    #[arg(long = "photons-per-row", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    nearest: Option<u32>,
+    /// Surfaces that a photon hits at most, 1 to 64; the paper has 3 [default: as many as their albedo lets it].
+    #[arg(long = "photon-path", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    path_length: Option<u32>,
+}
+
+impl Photons {
+    /// # Errors
+    /// [`Error::Setting`] where some are set and none are shot.
+    fn settings(self, multibounce: MultibounceName) -> Result<PhotonSettings> {
+        let set = [
+            self.count.map(|_| "--photons"),
+            self.nearest.map(|_| "--photons-per-row"),
+            self.path_length.map(|_| "--photon-path"),
+        ];
+        if multibounce != MultibounceName::Photon
+            && let Some(name) = set.into_iter().flatten().next()
+        {
+            return Err(Error::Setting(format!(
+                "{name} needs photons; add --multibounce photon, or leave it out"
+            )));
+        }
+        let default = PhotonSettings::default();
+        Ok(PhotonSettings {
+            count: self.count.map_or(default.count, |count| count as usize),
+            nearest: self.nearest.map_or(default.nearest, |nearest| nearest as usize),
+            path_length: self.path_length,
+        })
+    }
+}
+
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Figures<'a> {
@@ -166,6 +219,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let began = Instant::now();
     let cache = arguments.output.clone().unwrap_or_else(|| arguments.scene.with_extension("relume"));
     check_output(&cache, "the name of a cache", &["relume"], &[&arguments.scene])?;
+    let photons = arguments.photons.settings(arguments.multibounce)?;
     interrupt::listen()?;
     arguments.threads.start()?;
     let imported = scene_file::read(&arguments.scene, console)?;
@@ -173,7 +227,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let camera = scene_file::camera(&imported.scene, arguments.camera.as_deref(), &arguments.scene)?;
     let transfer = Preparation::new(&imported.scene)
         .name(scene_file::name(&arguments.scene))
-        .settings(arguments.settings(camera))
+        .settings(arguments.settings(camera, photons))
         .run(&console.progress())?;
     let writing = Instant::now();
     console.stage("writing the cache", || transfer.save(&cache))?;
@@ -186,7 +240,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         cache: &cache,
         seconds: began.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_resident_bytes(),
-        cache_bytes: cache.metadata().map_err(|error| relume::Error::io(&cache, "read", error))?.len(),
+        cache_bytes: cache.metadata().map_err(|error| Error::io(&cache, "read", error))?.len(),
         stages,
         warnings: &imported.warnings,
         ..Figures::of(&transfer)
@@ -195,7 +249,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
 }
 
 impl Arguments {
-    fn settings(&self, camera: usize) -> Settings {
+    fn settings(&self, camera: usize, photons: PhotonSettings) -> Settings {
         Settings {
             size: self.size,
             camera,
@@ -224,6 +278,11 @@ impl Arguments {
                 RowsName::Balanced => RowMethod::Balanced,
                 RowsName::Paper => RowMethod::Paper,
             },
+            multibounce: match self.multibounce {
+                MultibounceName::Iterated => Multibounce::Iterated,
+                MultibounceName::Photon => Multibounce::Photon,
+            },
+            photons,
             glossy: !self.no_glossy,
             coefficients: usize::from(self.coefficients),
             seed: self.seed,

@@ -1,4 +1,4 @@
-use crate::support::{RIG, Workplace};
+use crate::support::{RIG, SMALL, Workplace};
 
 const RELIGHT: [&str; 6] = ["relight", "room.relume", "--rig", "rig.toml", "-o", "out.exr"];
 
@@ -168,6 +168,9 @@ fn usage_is_refused_with_status_2() {
         &["prepare", "room.gltf", "--threads", "0"],
         &["prepare", "room.gltf", "--threads", "-1"],
         &["prepare", "room.gltf", "--coefficients", "0"],
+        &["prepare", "room.gltf", "--multibounce", "photons"],
+        &["prepare", "room.gltf", "--multibounce", "photon", "--photons", "0"],
+        &["prepare", "room.gltf", "--multibounce", "photon", "--photon-path", "0"],
         &["prepare"],
         &["relight", "room.relume"],
         &["prepare", "room.gltf", "--selection", "best"],
@@ -185,6 +188,22 @@ fn usage_is_refused_with_status_2() {
     }
     let size = work.run(&["prepare", "room.gltf", "--size", "640"]).stderr;
     assert!(size.contains("write WIDTHxHEIGHT in pixels"), "{size}");
+}
+
+#[test]
+fn bounces_of_photons_are_not_told_apart() {
+    let work = Workplace::new();
+    let prepare =
+        ["prepare", "room.gltf", "-o", "photons.relume", "--photons", "20000", "--photon-path", "3"];
+    work.refused(&prepare, 2, "--photons needs photons; add --multibounce photon");
+    work.succeed(&[&prepare[..], &["--multibounce", "photon"], &SMALL].concat());
+    let told = work.succeed(&["info", "photons.relume"]).stdout;
+    assert!(told.contains("photon: 20,000 photons of up to 3 hits, 2,000 a row"), "{told}");
+    let relight =
+        |bounces| [&with(&RELIGHT, "room.relume", "photons.relume")[..], &["--bounces", bounces]].concat();
+    work.refused(&relight("2"), 2, "2 bounces: the shot was prepared with photons");
+    assert!(!work.path("out.exr").exists());
+    work.succeed(&relight("1"));
 }
 
 #[test]

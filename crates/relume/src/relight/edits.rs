@@ -7,18 +7,31 @@ use glam::Vec3;
 
 use crate::sample::{GatherCloud, kept_base_color};
 use crate::scene::LightRig;
-use crate::transfer::{BounceSeries, Report, Transfer};
+use crate::transfer::{CloudBounces, Multibounce, Report, Transfer};
 use crate::{Error, Result};
 
 /// The base colour of each of the shot's materials under `rig`, by number, linear RGB.
 ///
 /// # Errors
-/// [`Error::Setting`] for an edit of a material that is not there, repeated, or with a colour out of range.
+/// [`Error::Setting`] for an edit of a material that is not there, repeated, or with a colour out of range, and for any other colour where the
+/// colours of the scene are within the bounces.
 pub(super) fn base_colors(report: &Report, rig: &LightRig) -> Result<Vec<Vec3>, Error> {
     let edits = rig.edits_of(report.materials.iter().map(String::as_str))?;
     let color = |(prepared, edit): (&[f32; 3], Option<usize>)| {
         edit.map_or(Vec3::from(*prepared), |edit| rig.materials[edit].base_color)
     };
+    let edited = |(_, (prepared, edit)): &(&String, (&[f32; 3], &Option<usize>))| {
+        edit.is_some_and(|edit| rig.materials[edit].base_color != Vec3::from(**prepared))
+    };
+    let mut materials = report.materials.iter().zip(report.base_colors.iter().zip(&edits));
+    if report.settings.multibounce == Multibounce::Photon
+        && let Some((name, _)) = materials.find(edited)
+    {
+        return Err(Error::Setting(format!(
+            "material `{name}`: the shot was prepared with photons, whose bounces have its colours in them; leave `base_color` as it is in \
+             the scene, or prepare it with --multibounce iterated"
+        )));
+    }
     Ok(report.base_colors.iter().zip(edits).map(color).collect())
 }
 
@@ -29,7 +42,7 @@ pub(super) struct Edits {
     /// By material, what the `k_d` that view samples keep is multiplied by; none where that is 1 for all.
     scales: Option<Vec<Vec3>>,
     /// The cloud and its bounces where they are not those that were prepared.
-    cloud: Option<(GatherCloud, BounceSeries)>,
+    cloud: Option<(GatherCloud, CloudBounces)>,
 }
 
 impl Edits {
@@ -42,7 +55,7 @@ impl Edits {
         let cloud = if edited { transfer.cloud.recolored(&changes) } else { None };
         Self {
             cloud: cloud.map(|cloud| {
-                let bounces = bounces(transfer, &cloud);
+                let bounces = CloudBounces::new(transfer, &cloud);
                 (cloud, bounces)
             }),
             scales: scales.iter().any(|scale| *scale != Vec3::ONE).then_some(scales),
@@ -66,13 +79,7 @@ impl Edits {
     }
 
     /// Bounces within that cloud. `prepared` are those within the cloud as it was prepared.
-    pub(super) fn bounces<'a>(&'a self, prepared: &'a BounceSeries) -> &'a BounceSeries {
+    pub(super) fn bounces<'a>(&'a self, prepared: &'a CloudBounces) -> &'a CloudBounces {
         self.cloud.as_ref().map_or(prepared, |(_, bounces)| bounces)
     }
-}
-
-/// Bounces within `cloud`, which is the transfer's or one of the same samples.
-pub(super) fn bounces(transfer: &Transfer, cloud: &GatherCloud) -> BounceSeries {
-    let albedo: Vec<Vec3> = cloud.samples.iter().map(|sample| sample.albedo).collect();
-    BounceSeries::new(&transfer.bounce, &albedo)
 }

@@ -18,7 +18,7 @@ use crate::image::{Image, Layers, LightLayers};
 use crate::sample::{edge_pixels, illuminate};
 use crate::scene::{Light, LightRig};
 use crate::trace::Accel;
-use crate::transfer::{BounceSeries, Operator, Transfer, Work};
+use crate::transfer::{CloudBounces, Operator, Transfer, Work};
 use crate::{Error, Progress, Result};
 
 use edits::Edits;
@@ -131,7 +131,7 @@ pub struct Relighter {
     transfer: Arc<Transfer>,
     accel: Accel,
     /// Within the cloud as it was prepared.
-    bounces: BounceSeries,
+    bounces: CloudBounces,
     edits: Edits,
     edges: Vec<bool>,
     /// Where the transfer has reflections.
@@ -154,7 +154,7 @@ impl Relighter {
         let base_colors = transfer.report.base_colors.iter().map(|&rgb| Vec3::from(rgb)).collect();
         Self {
             accel: transfer.occluders.accel(),
-            bounces: edits::bounces(&transfer, &transfer.cloud),
+            bounces: CloudBounces::new(&transfer, &transfer.cloud),
             edits: Edits::new(&transfer, base_colors),
             edges: edge_pixels(&transfer.view),
             tints: transfer.glossy.is_some().then(|| upsample::Tints::new(&transfer.view)),
@@ -194,7 +194,8 @@ impl Relighter {
     ///
     /// # Errors
     /// [`Error::Setting`] unless `aa` is 1 or 2, `cull` 0 to 1, every emitter of the rig names a material of the scene that shines and has a
-    /// usable scale, every edited material is one of the scene and has a base colour within `0..=1`, and none is named twice.
+    /// usable scale, every edited material is one of the scene and has a base colour within `0..=1`, none is named twice, and the shot can
+    /// tell so many bounces apart and have other colours ([`Multibounce`](crate::transfer::Multibounce)).
     pub fn relight(&mut self, rig: &LightRig, settings: &RelightSettings) -> Result<Layers> {
         self.relight_watched(rig, settings, &())
     }
@@ -219,6 +220,10 @@ impl Relighter {
         let began = Instant::now();
         let glows = self.glows(rig)?;
         let base_colors = edits::base_colors(&self.transfer.report, rig)?;
+        if settings.only != Only::Direct {
+            let emits = glows.iter().any(|(_, scale)| *scale != Vec3::ZERO);
+            self.transfer.multibounce().check_bounces(settings.bounces, emits)?;
+        }
         self.stats = FrameStats::default();
         if self.edits.differ_from(&base_colors) {
             let began = Instant::now();
@@ -294,7 +299,18 @@ impl Relighter {
         let epsilon = |operator: &Operator| settings.cull.unwrap_or_else(|| operator.encoding().cull());
         let began = Instant::now();
         let (bounce, bounces) = (&self.transfer.bounce, self.edits.bounces(&self.bounces));
-        let (bounced, steps, work) = bounces.sum(bounce, radiance, times, epsilon(bounce));
+        let bounced = bounces.sum(bounce, radiance, times, epsilon(bounce));
+        self.gather_bounced(bounced, began, settings)
+    }
+
+    /// The final gather of light on the cloud that has bounced since `began`.
+    fn gather_bounced(
+        &mut self,
+        (bounced, steps, work): (Vec<Vec3>, u32, Work),
+        began: Instant,
+        settings: &RelightSettings,
+    ) -> Vec<Vec3> {
+        let epsilon = |operator: &Operator| settings.cull.unwrap_or_else(|| operator.encoding().cull());
         self.stats.add(work);
         self.stats.bounce_steps += steps;
         self.stats.bounces_ms += milliseconds(began);
@@ -362,9 +378,12 @@ impl Relighter {
             direct::add_emission(&transfer.view, settings.aa, shines, &mut lit.direct.pixels);
         }
         if settings.only != Only::Direct && settings.bounces != Some(0) {
-            let bounced = self.edits.bounces(&self.bounces).reflect(&transfer.bounce, &emitted);
-            lit.indirect.pixels =
-                self.gather(&bounced, settings.bounces.map(|bounces| bounces - 1), settings);
+            let began = Instant::now();
+            let times = settings.bounces.map(|bounces| bounces - 1);
+            let (bounce, bounces) = (&transfer.bounce, self.edits.bounces(&self.bounces));
+            let epsilon = settings.cull.unwrap_or_else(|| bounce.encoding().cull());
+            let bounced = bounces.sum_reflected(bounce, &emitted, times, epsilon);
+            lit.indirect.pixels = self.gather_bounced(bounced, began, settings);
         }
         lit
     }

@@ -143,6 +143,8 @@ pub struct CellMap {
     cuts: Cuts,
     /// [`TARGETS`] points for each gather sample, uniform over the area of its cell, lifted off the surface.
     pub targets: Vec<Vec3>,
+    /// The surface's normal at each of `targets`, on the side that is lifted from.
+    pub target_normals: Vec<PackedNormal>,
     /// For each gather sample, the middle of its cell's area and the mean normal, which is shorter than 1 where the cell is
     /// bent: where form factors are taken. The sample itself lies in the middle of what is seen, nearer to who sees it.
     pub middles: Vec<(Vec3, Vec3)>,
@@ -295,8 +297,13 @@ fn ordered(
         diffuse: in_order().flat_map(|cell| cell.diffuse).collect(),
         emitted: (0..).zip(in_order()).flat_map(|(sample, cell)| cell.emitted(sample)).collect(),
     };
-    let targets = in_order().flat_map(|cell| cell.targets).collect();
-    Ok((cloud, CellMap { cuts, targets, middles: in_order().map(|cell| cell.middle).collect() }))
+    let map = CellMap {
+        cuts,
+        targets: in_order().flat_map(|cell| cell.targets.map(|(place, _)| place)).collect(),
+        target_normals: in_order().flat_map(|cell| cell.targets.map(|(_, normal)| normal)).collect(),
+        middles: in_order().map(|cell| cell.middle).collect(),
+    };
+    Ok((cloud, map))
 }
 
 fn check_count(count: usize) -> Result<()> {
@@ -322,7 +329,7 @@ struct Portrait {
     sample: GatherSample,
     sub_samples: [SubSample; SUB_SAMPLES],
     diffuse: [DiffusePart; SUB_SAMPLES],
-    targets: [Vec3; TARGETS],
+    targets: [(Vec3, PackedNormal); TARGETS],
     middle: (Vec3, Vec3),
     /// Mean emission by material; few have any.
     emitted: Vec<(u32, Vec3)>,
@@ -408,7 +415,10 @@ impl Build<'_> {
         let mean = |of: fn(&crate::shade::Surface) -> Vec3| {
             speakers.iter().map(|speaker| of(&surface(speaker)) * speaker.weight).sum::<Vec3>()
         };
-        let lifted = |speaker: &Speaker| offset_origin(speaker.position, speaker.normal);
+        let lifted = |speaker: &Speaker| {
+            (offset_origin(speaker.position, speaker.normal), PackedNormal::new(speaker.normal))
+        };
+        let alone = (typical.position, PackedNormal::new(typical.normal));
         Portrait {
             sample: GatherSample {
                 position: typical.position,
@@ -424,9 +434,7 @@ impl Build<'_> {
             diffuse,
             middle,
             emitted,
-            targets: std::array::from_fn(|i| {
-                solid.get(i % solid.len().max(1)).map_or(typical.position, lifted)
-            }),
+            targets: std::array::from_fn(|i| solid.get(i % solid.len().max(1)).map_or(alone, lifted)),
         }
     }
 }

@@ -136,7 +136,12 @@ fn terms(ratio: f64) -> u32 {
 }
 
 /// `A M light`.
-fn reflected(bounce: &Operator, albedo: &[Vec3], light: &[Vec3], epsilon: f32) -> (Vec<Vec3>, Work) {
+pub(super) fn reflected(
+    bounce: &Operator,
+    albedo: &[Vec3],
+    light: &[Vec3],
+    epsilon: f32,
+) -> (Vec<Vec3>, Work) {
     let mut reflected = vec![Vec3::ZERO; bounce.rows];
     let work = bounce.apply_coefficients(&Coefficients::new(light, &bounce.weights), epsilon, &mut reflected);
     reflected.par_iter_mut().zip(albedo).with_min_len(4096).for_each(|(light, albedo)| *light *= *albedo);

@@ -10,6 +10,7 @@ use super::haar_rows::HaarRows;
 use super::low_rank::{LowRank, LowRankSettings};
 use super::low_rank_encoder;
 use super::paper_rows::PaperRows;
+use super::photons::PhotonMap;
 use super::prior::LightPrior;
 use super::rows::{RowScratch, RowSource};
 use super::selection::KeptRows;
@@ -25,6 +26,8 @@ pub(super) enum RowEstimator<'a> {
     Balanced(RowSource<'a>),
     /// A cluster cut with one representative a cluster (Hasan 2006, section 4.3).
     Paper(PaperRows<'a>),
+    /// Photons, for rows of the multi-bounce operator (same section).
+    Photons(&'a PhotonMap<'a>),
 }
 
 /// How rows are stored.
@@ -210,6 +213,11 @@ impl Workplace {
                 .zip(self.rows.chunks_exact_mut(plan.count))
                 .map(|(point, row)| source.row(point, row))
                 .sum(),
+            RowEstimator::Photons(photons) => points
+                .iter()
+                .zip(self.rows.chunks_exact_mut(plan.count))
+                .map(|(point, row)| photons.row(point, row))
+                .sum(),
         }
     }
 
@@ -223,6 +231,8 @@ impl Workplace {
                 .zip(self.rows.chunks_exact_mut(plan.count))
                 .map(|(point, row)| source.glossy_row(point, row))
                 .sum(),
+            // photons are counted on gather samples, which reflect diffusely
+            RowEstimator::Photons(_) => 0,
         }
     }
 

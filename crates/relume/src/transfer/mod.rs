@@ -23,10 +23,12 @@ pub mod haar_rows;
 mod image_layout;
 pub mod low_rank;
 mod low_rank_encoder;
+mod multibounce;
 mod occluders;
 mod operator;
 mod packed_runs;
 mod paper_rows;
+mod photons;
 mod preparation;
 mod prior;
 mod rectangles;
@@ -40,8 +42,10 @@ pub use cache::FORMAT_VERSION;
 pub use coefficients::Coefficients;
 pub use culling::Work;
 pub use image_layout::ImageLayout;
+pub use multibounce::{CloudBounces, Multibounce};
 pub use occluders::Occluders;
 pub use operator::{Encoding, Matrix, Operator};
+pub use photons::PhotonSettings;
 pub use preparation::{Preparation, Quality, RowMethod, Settings};
 pub use selection::Selection;
 
@@ -67,7 +71,8 @@ pub struct Transfer {
     /// `F_g`: the same along the specular lobes of the receivers, as a share of what these reflect. The same rows; `None` where it
     /// was left out.
     pub glossy: Option<Operator>,
-    /// From light on the cloud to the cloud itself; albedo is applied outside. One row a gather sample.
+    /// From light on the cloud to the cloud itself; albedo is applied outside. One row a gather sample. One bounce, or all of them:
+    /// see [`Self::multibounce`].
     pub bounce: Operator,
     /// The row of `gather` that each of the view's centres takes its light from; [`Receivers::NONE`] where nothing reflects.
     pub rows_of_centers: Buffer<u32>,
@@ -96,7 +101,7 @@ pub struct Report {
     pub triangles: u64,
     /// Visibility and hemisphere rays of the final gather, a pixel whose centre reflects light.
     pub rays_per_pixel: f64,
-    /// The same of the bounces, a gather sample.
+    /// The same of the bounces, a gather sample; with photons, the rays on which these fly.
     pub rays_per_gather_sample: f64,
     /// Expected relative error of the final gather's encoding alone.
     pub gather_error: f64,
@@ -178,6 +183,11 @@ impl Transfer {
             shown[material as usize] = true;
         }
         (0..).zip(shown).filter(|&(_, shown)| shown).map(|(material, _)| material).collect()
+    }
+
+    /// What `bounce` holds.
+    pub fn multibounce(&self) -> Multibounce {
+        self.report.settings.multibounce
     }
 
     /// Pixels whose centre reflects light.

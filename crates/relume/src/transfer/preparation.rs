@@ -9,11 +9,13 @@ use super::compute::{self, Computed, Encoder, Haar, Plan, RowEstimator};
 use super::form_factors::Patches;
 use super::low_rank::LowRankSettings;
 use super::paper_rows::{ClusterBounds, PaperRows};
+use super::photons::{PhotonSettings, PhotonSource};
 use super::prior::LightPrior;
 use super::rows::{RowSettings, RowSource};
 use super::tiles::{Spread, TILE};
 use super::{
-    Buffer, Encoding, ImageLayout, Occluders, Operator, Report, Selection, Timings, Transfer, blocks, prior,
+    Buffer, Encoding, ImageLayout, Multibounce, Occluders, Operator, Report, Selection, Timings, Transfer,
+    blocks, prior,
 };
 use crate::progress::Progress;
 use crate::sample::{CellMap, CloudMethod, CloudSettings, GatherCloud, QUAD, Receivers, ViewSamples};
@@ -64,6 +66,10 @@ pub struct Settings {
     pub selection: Option<Selection>,
     /// How rows are estimated.
     pub rows: RowMethod,
+    /// What the bounce operator holds, and how it is estimated.
+    pub multibounce: Multibounce,
+    /// Of [`Multibounce::Photon`].
+    pub photons: PhotonSettings,
     /// Whether surfaces also show reflections of indirect light, along their specular lobes.
     pub glossy: bool,
     /// Coefficients a row of `haar-rows` and `haar-blocks`; the paper keeps 100.
@@ -83,6 +89,8 @@ impl Default for Settings {
             encoding: Encoding::LowRank,
             selection: None,
             rows: RowMethod::Balanced,
+            multibounce: Multibounce::default(),
+            photons: PhotonSettings::default(),
             glossy: true,
             coefficients: 100,
             seed: 0,
@@ -278,6 +286,7 @@ impl<'a> Preparation<'a> {
                 self.settings.coefficients
             )));
         }
+        self.settings.photons.check()?;
         self.scene.cameras.get(self.settings.camera).ok_or_else(|| {
             Error::Setting(format!(
                 "no camera {}: the scene has {}, numbered from 0",
@@ -398,17 +407,24 @@ impl Shot<'_> {
             let share = (self.settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
             let store = Store::new(self.settings, effort.bounce_encoding, prior, share, count);
             let rows = blocks::of_cloud(cloud, (count / 64).clamp(BOUNCE_BLOCK.0, BOUNCE_BLOCK.1), seed);
-            progress.stage("bounces", rows.points.len() as u64);
             let layout = ImageLayout::of_cloud(count);
-            let plan = Plan {
-                estimator: estimator(effort.bounce_rows),
-                encoder: store.encoder(&layout),
-                glossy: false,
-                count,
+            let encoder = store.encoder(&layout);
+            let compute = |estimator| {
+                progress.stage("bounces", rows.points.len() as u64);
+                compute::compute(Plan { estimator, encoder, glossy: false, count }, &rows, progress)
             };
-            compute::compute(plan, &rows, progress)?
+            match self.settings.multibounce {
+                Multibounce::Iterated => compute(estimator(effort.bounce_rows))?,
+                Multibounce::Photon => {
+                    let source = self.photons(cloud, map);
+                    let photons = source.shoot(progress)?;
+                    let computed = compute(RowEstimator::Photons(&photons))?;
+                    Computed { rays: computed.rays + photons.rays(), ..computed }
+                }
+            }
         };
-        let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
+        let times = self.settings.multibounce.times_to_learn();
+        let prior = self.prior(cloud, &lights, Some((&bounce.operator, times)), progress)?;
         drop(lights);
         let store =
             Store::new(self.settings, effort.gather_encoding, prior, self.settings.coefficients, count);
@@ -429,6 +445,11 @@ impl Shot<'_> {
         };
         let gather = compute::compute(plan, &rows, progress)?;
         Ok((gather, bounce, rows.owners))
+    }
+
+    fn photons<'a>(&'a self, cloud: &'a GatherCloud, map: &'a CellMap) -> PhotonSource<'a> {
+        let Settings { photons: settings, seed, .. } = *self.settings;
+        PhotonSource { accel: self.accel, geometry: self.geometry, map, cloud, settings, seed }
     }
 
     /// Whether something is learned from random lights: what light is likely, or at least, which of it goes together.
@@ -454,7 +475,7 @@ impl Shot<'_> {
         &self,
         cloud: &GatherCloud,
         lights: &[Vec<f32>],
-        bounce: Option<&Operator>,
+        bounce: Option<(&Operator, u32)>,
         progress: &dyn Progress,
     ) -> Result<Option<LightPrior>> {
         if !self.learns() {

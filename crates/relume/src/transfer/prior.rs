@@ -115,13 +115,13 @@ struct Lessons {
 }
 
 impl LightPrior {
-    /// Learns from `lights` on the cloud, with their bounces where a bounce operator is given. `selection` says whether magnitudes
-    /// are learned as well.
+    /// Learns from `lights` on the cloud, with their bounces where a bounce operator is given and how often to apply it. `selection` says
+    /// whether magnitudes are learned as well.
     pub(super) fn new(
         cloud: &GatherCloud,
         lights: &[Vec<f32>],
         selection: Selection,
-        bounce: Option<&Operator>,
+        bounce: Option<(&Operator, u32)>,
         progress: &dyn Progress,
     ) -> Result<Self> {
         let count = cloud.len();
@@ -137,8 +137,8 @@ impl LightPrior {
                 return Err(Error::Cancelled);
             }
             let mut light: Vec<Vec3> = light.iter().zip(&tints).map(|(grey, tint)| *grey * *tint).collect();
-            if let Some(bounce) = bounce {
-                light = bounces::gather_bounces(bounce, &albedo, &light, Some(4)).0;
+            if let Some((bounce, times)) = bounce {
+                light = bounces::gather_bounces(bounce, &albedo, &light, Some(times)).0;
             }
             if index < first_held {
                 lessons.learn(&light);

@@ -107,6 +107,16 @@ pub(super) struct Found {
     pub(super) normal: Vec3,
 }
 
+impl Found {
+    /// `None` where no gather sample stands.
+    pub(super) fn new(map: &CellMap, geometry: &Geometry, ray: &Ray, hit: &Hit) -> Option<Self> {
+        let cell = map.sample_at(geometry, hit, ray.direction)?;
+        let area_vector = geometry.area_vector(hit.triangle as usize).normalize_or_zero();
+        let normal = if area_vector.dot(ray.direction) > 0.0 { -area_vector } else { area_vector };
+        Some(Self { cell: cell as u32, position: ray.origin + ray.direction * hit.t, normal })
+    }
+}
+
 /// The points of a tile, as structure of arrays.
 pub(super) struct Tile<'a> {
     /// Their numbers in the block.
@@ -244,10 +254,7 @@ impl RowSource<'_> {
 
     /// The cell that a ray hit.
     pub(super) fn found(&self, ray: &Ray, hit: &Hit) -> Option<Found> {
-        let cell = self.map.sample_at(self.geometry, hit, ray.direction)?;
-        let area_vector = self.geometry.area_vector(hit.triangle as usize).normalize_or_zero();
-        let normal = if area_vector.dot(ray.direction) > 0.0 { -area_vector } else { area_vector };
-        Some(Found { cell: cell as u32, position: ray.origin + ray.direction * hit.t, normal })
+        Found::new(self.map, self.geometry, ray, hit)
     }
 
     /// How many rays each point of a tile sends where it sends `least` in the open.

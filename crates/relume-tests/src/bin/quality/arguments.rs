@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 use relume::reference::{MAX_BOUNCE_IMAGES, Paths};
-use relume::transfer::{Encoding, Quality, RowMethod, Selection, Settings};
+use relume::transfer::{Encoding, Multibounce, PhotonSettings, Quality, RowMethod, Selection, Settings};
 use relume::{Error, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -45,6 +45,19 @@ pub(crate) struct Arguments {
     /// How rows are estimated: balanced, or paper.
     #[arg(long, value_name = "METHOD", default_value = "balanced", value_parser = named::<RowMethod>)]
     rows: RowMethod,
+    /// How light goes on from surface to surface: iterated, or photon, which needs `--bounces all`; each one is a line of the table.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = "iterated",
+          value_parser = named::<Multibounce>)]
+    pub(crate) multibounce: Vec<Multibounce>,
+    /// Photons to shoot for `photon`.
+    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    photons: u32,
+    /// Photons that a row is made of.
+    #[arg(long, value_name = "N", default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    photons_per_row: u32,
+    /// Surfaces that a photon hits at most [default: as many as their albedo lets it].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    photon_path: Option<u32>,
     /// Lights to make for each scene.
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub(crate) lights: u32,
@@ -131,17 +144,46 @@ impl Arguments {
         if folder.is_dir() { Ok(folder) } else { Err(no_folder(&folder, "--scenes")) }
     }
 
-    /// What is measured: every encoding with every selection; `None` is its own.
-    pub(crate) fn ways(&self) -> Vec<(Encoding, Option<Selection>)> {
+    /// What is measured: every encoding with every selection (`None` is its own) and every form of bounces.
+    pub(crate) fn preparations(&self) -> Vec<Settings> {
         let own = [None];
         let chosen: Vec<_> = self.selections.iter().copied().map(Some).collect();
         let selections = if chosen.is_empty() { &own[..] } else { &chosen };
-        let of_encoding = |&encoding| selections.iter().map(move |&selection| (encoding, selection));
-        self.encodings.iter().flat_map(of_encoding).collect()
+        let mut all = Vec::new();
+        for &encoding in &self.encodings {
+            for &selection in selections {
+                let each = self.multibounce.iter();
+                all.extend(each.map(|&multibounce| self.preparation(encoding, selection, multibounce)));
+            }
+        }
+        all
     }
 
-    /// Settings of a preparation.
-    pub(crate) fn preparation(&self, (encoding, selection): (Encoding, Option<Selection>)) -> Settings {
+    /// Whether what is asked for goes together.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] where photons are to tell bounces apart.
+    pub(crate) fn check(&self) -> Result<()> {
+        let some = self.bounces.iter().find(|bounces| bounces.0.is_some());
+        match some {
+            Some(some) if self.multibounce.contains(&Multibounce::Photon) => Err(Error::Setting(format!(
+                "--bounces {some}: photons cannot tell bounces apart; ask for --bounces all, or leave photon out of --multibounce"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    fn preparation(
+        &self,
+        encoding: Encoding,
+        selection: Option<Selection>,
+        multibounce: Multibounce,
+    ) -> Settings {
+        let photons = PhotonSettings {
+            count: self.photons as usize,
+            nearest: self.photons_per_row as usize,
+            path_length: self.photon_path,
+        };
         Settings {
             size: self.size,
             gather: self.gather,
@@ -150,6 +192,9 @@ impl Arguments {
             selection,
             coefficients: usize::from(self.coefficients),
             rows: self.rows,
+            multibounce,
+            // where they are not used, they would make another transfer of the same
+            photons: if multibounce == Multibounce::Photon { photons } else { PhotonSettings::default() },
             glossy: self.paths != Truth::Diffuse,
             seed: self.seed,
             ..Settings::default()
@@ -198,13 +243,17 @@ pub(crate) fn name_of(setting: &impl Serialize) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
-/// What the tables call a preparation.
-pub(crate) fn way_name(settings: &Settings) -> String {
-    let encoding = name_of(&settings.encoding);
-    match settings.selection {
-        None => encoding,
-        Some(selection) => format!("{encoding} by {}", name_of(&selection)),
+/// What the tables call a preparation: its encoding, its selection where that is not the encoding's own, and how light bounces where that
+/// is not the usual way.
+pub(crate) fn label(settings: &Settings) -> String {
+    let mut label = name_of(&settings.encoding);
+    if let Some(selection) = settings.selection {
+        label += &format!(" by {}", name_of(&selection));
     }
+    if settings.multibounce != Multibounce::Iterated {
+        label += &format!(", {}", name_of(&settings.multibounce));
+    }
+    label
 }
 
 /// What the tables call a truth.
@@ -252,9 +301,17 @@ mod tests {
             Arguments::try_parse_from(example.split_whitespace()).unwrap();
         }
         let wrong = |argument: &str| Arguments::try_parse_from(["quality", argument]).is_err();
-        for argument in
-            ["--size=640", "--gather=512", "--bounces=0", "--bounces=17", "--encodings=best", "--lights=0"]
-        {
+        for argument in [
+            "--multibounce=both",
+            "--photons=0",
+            "--photon-path=65",
+            "--size=640",
+            "--gather=512",
+            "--bounces=0",
+            "--bounces=17",
+            "--encodings=best",
+            "--lights=0",
+        ] {
             assert!(wrong(argument), "{argument}");
         }
     }
@@ -283,5 +340,21 @@ mod tests {
         );
         assert_eq!(arguments.truths().len(), 2);
         assert_eq!(arguments.names.len(), 5);
+    }
+
+    #[test]
+    fn photons_are_told_in_labels_and_have_no_bounces_of_their_own() {
+        let arguments = |line: &str| Arguments::try_parse_from(line.split(' ')).unwrap();
+        let photon = arguments("quality --multibounce iterated,photon --photons 5000");
+        assert!(photon.check().is_ok());
+        let labels: Vec<_> = photon
+            .multibounce
+            .iter()
+            .map(|&multibounce| photon.preparation(Encoding::LowRank, multibounce))
+            .map(|settings| (label(&settings), settings.photons.count))
+            .collect();
+        assert_eq!(labels, [("low-rank".to_owned(), 1_000_000), ("low-rank, photon".to_owned(), 5000)]);
+        assert!(arguments("quality --multibounce iterated,photon --bounces all,2").check().is_err());
+        assert!(arguments("quality --multibounce iterated --bounces all,2").check().is_ok());
     }
 }

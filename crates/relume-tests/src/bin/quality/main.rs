@@ -25,11 +25,11 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use relume::reference::Paths;
-use relume::transfer::{Encoding, Selection};
+use relume::transfer::Settings;
 use relume::{Error, Progress, Relighter, Result, atomic_write};
 use relume_io::rig_to_toml;
 
-use arguments::{Arguments, Bounces, paths_name, way_name};
+use arguments::{Arguments, Bounces, label, paths_name};
 use figures::{Column, Errors, LightErrors, Summary, relight};
 use lights::Case;
 use pictures::Sheet;
@@ -49,6 +49,7 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<()> {
+    arguments.check()?;
     let folder = arguments.scene_folder()?;
     for folder in [&arguments.out, &arguments.cache] {
         std::fs::create_dir_all(folder).map_err(|error| Error::io(folder, "create", error))?;
@@ -129,7 +130,7 @@ fn measure_scene(mut shot: Shot, arguments: &Arguments) -> Result<SceneReport> {
     let references = References { folder: arguments.cache.clone(), settings };
     let mut measurement = Measurement { arguments, shot, cases, references, sheet: Sheet::new(size) };
     measurement.trace_references()?;
-    let encodings = arguments.ways().into_iter().map(|way| measurement.measure(way));
+    let encodings = arguments.preparations().into_iter().map(|settings| measurement.measure(settings));
     let encodings = encodings.collect::<Result<Vec<_>>>()?;
     let Measurement { shot, cases, sheet, .. } = measurement;
     let light = |case: &Case| LightReport { name: case.name.clone(), rig: rig_to_toml(&case.rig) };
@@ -160,15 +161,15 @@ impl Measurement<'_> {
     }
 
     /// Prepares the scene in one way and relights it under all lights.
-    fn measure(&mut self, way: (Encoding, Option<Selection>)) -> Result<EncodingReport> {
+    fn measure(&mut self, settings: Settings) -> Result<EncodingReport> {
         let arguments = self.arguments;
-        let settings = arguments.preparation(way);
         let (transfer, record) =
             preparations::prepare(&self.shot, &settings, &arguments.cache, arguments.fresh)?;
         let mut report = EncodingReport {
-            encoding: way_name(&settings),
+            encoding: label(&settings),
             settings,
             bytes_per_pixel: transfer.bytes_per_pixel(),
+            bounce_bytes: transfer.bounce.bytes(),
             prepare_seconds: record.seconds,
             threads: record.threads,
             rays_per_pixel: transfer.report.rays_per_pixel,
@@ -188,7 +189,7 @@ impl Measurement<'_> {
     /// The errors against one truth, for each number of bounces.
     fn columns(&mut self, relighter: &mut Relighter, paths: Paths) -> Result<Vec<Column>> {
         let counts = &self.arguments.bounces;
-        let name = way_name(&relighter.transfer().report.settings);
+        let name = label(&relighter.transfer().report.settings);
         let job = Job::new(format!("{}, {name}: relighting", self.shot.name), self.cases.len() as u64);
         let mut lights: Vec<Vec<LightErrors>> = vec![Vec::new(); counts.len()];
         for case in &self.cases {

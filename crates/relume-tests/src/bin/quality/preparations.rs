@@ -71,7 +71,7 @@ pub(crate) fn prepare(
         return Ok(kept);
     }
     reset_peak();
-    let job = Job::by_stage(format!("{}, {}", shot.name, crate::arguments::way_name(settings)));
+    let job = Job::by_stage(format!("{}, {}", shot.name, crate::arguments::label(settings)));
     let preparation = Preparation::new(&shot.scene).name(&shot.name).settings(settings.clone());
     let transfer = preparation.run(&job)?;
     let record = Record {

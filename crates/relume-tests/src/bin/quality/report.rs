@@ -44,14 +44,17 @@ pub(crate) struct LightReport {
     pub(crate) rig: String,
 }
 
-/// A scene in one encoding.
+/// A scene prepared in one way.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct EncodingReport {
+    /// The encoding's name, and how light bounces where that is not the usual way.
     pub(crate) encoding: String,
     /// All that it was prepared with.
     pub(crate) settings: Settings,
     /// All operators, over all pixels of the image.
     pub(crate) bytes_per_pixel: f64,
+    /// Of the bounce operator alone.
+    pub(crate) bounce_bytes: usize,
     /// Wall-clock seconds of the preparation, on this many threads.
     pub(crate) prepare_seconds: f64,
     pub(crate) threads: usize,

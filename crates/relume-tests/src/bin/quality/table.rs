@@ -86,6 +86,7 @@ fn scene_section(page: &mut String, scene: &SceneReport) {
     let header = [
         "encoding",
         "bytes a pixel",
+        "of bounces",
         "preparation",
         "threads",
         "rays a pixel",
@@ -115,6 +116,7 @@ fn preparation_row(report: &EncodingReport) -> Vec<String> {
     vec![
         report.encoding.clone(),
         format!("{:.1}", report.bytes_per_pixel),
+        format!("{:.1} MB", report.bounce_bytes as f64 * 1e-6),
         duration(report.prepare_seconds),
         report.threads.to_string(),
         format!("{:.0}", report.rays_per_pixel),
@@ -222,6 +224,7 @@ mod tests {
             encoding: "low-rank".into(),
             settings: Settings::default(),
             bytes_per_pixel: 123.4,
+            bounce_bytes: 1_200_000,
             prepare_seconds: 262.0,
             threads: 2,
             rays_per_pixel: 1365.0,
@@ -260,7 +263,7 @@ mod tests {
         assert_ne!(overview(&report(wrong)).lines().nth(2), Some(line));
         let page = page(&report(lights()), "cargo xtask quality");
         for text in [
-            "| low-rank | 123.4 | 4 min 22 s | 2 |",
+            "| low-rank | 123.4 | 1.2 MB | 4 min 22 s | 2 |",
             "64x48, 256 gather samples, quality draft.",
             "1.24 GB",
             "| **median** | 20.0 | 0.1 | 10.0 | 2.0 | - | 30.0 | 5.0 |",

@@ -330,12 +330,13 @@ mod tests {
         assert_eq!(arguments.bounces, [Bounces(Some(1)), Bounces(None)]);
         assert_eq!(arguments.encodings, [Encoding::HaarRows]);
         assert_eq!(name_of(&Encoding::HaarRows), "haar-rows");
-        assert_eq!(arguments.ways(), [(Encoding::HaarRows, None)]);
+        let labels =
+            |arguments: &Arguments| -> Vec<String> { arguments.preparations().iter().map(label).collect() };
+        assert_eq!(labels(&arguments), ["haar-rows"]);
         let line = ["quality", "--encodings", "haar-blocks,low-rank", "--selections", "plain,prior"];
         let ways = Arguments::try_parse_from(line).unwrap();
-        let names: Vec<_> = ways.ways().iter().map(|&way| way_name(&ways.preparation(way))).collect();
         assert_eq!(
-            names,
+            labels(&ways),
             ["haar-blocks by plain", "haar-blocks by prior", "low-rank by plain", "low-rank by prior"]
         );
         assert_eq!(arguments.truths().len(), 2);
@@ -347,13 +348,15 @@ mod tests {
         let arguments = |line: &str| Arguments::try_parse_from(line.split(' ')).unwrap();
         let photon = arguments("quality --multibounce iterated,photon --photons 5000");
         assert!(photon.check().is_ok());
-        let labels: Vec<_> = photon
-            .multibounce
-            .iter()
-            .map(|&multibounce| photon.preparation(Encoding::LowRank, multibounce))
-            .map(|settings| (label(&settings), settings.photons.count))
-            .collect();
-        assert_eq!(labels, [("low-rank".to_owned(), 1_000_000), ("low-rank, photon".to_owned(), 5000)]);
+        let all = photon.preparations();
+        let labels: Vec<_> = all.iter().map(|settings| (label(settings), settings.photons.count)).collect();
+        let expected = [
+            ("low-rank", 1_000_000),
+            ("low-rank, photon", 5000),
+            ("haar-rows", 1_000_000),
+            ("haar-rows, photon", 5000),
+        ];
+        assert_eq!(labels, expected.map(|(label, count)| (label.to_owned(), count)));
         assert!(arguments("quality --multibounce iterated,photon --bounces all,2").check().is_err());
         assert!(arguments("quality --multibounce iterated --bounces all,2").check().is_ok());
     }

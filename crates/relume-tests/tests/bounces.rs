@@ -96,9 +96,8 @@ fn bounces_that_photons_cannot_tell_apart_are_refused() {
         let built = empty_room(emissive(Vec3::splat(0.5), Vec3::splat(emission)));
         let transfer = Arc::new(prepare(&built, photons(Some(3))));
         for bounces in 0..4 {
-            let relit = |only| {
-                relume::Relighter::new(Arc::clone(&transfer)).relight(&lamp, &settings(Some(bounces), only))
-            };
+            let relit =
+                |only| Relighter::new(Arc::clone(&transfer)).relight(&lamp, &settings(Some(bounces), only));
             match relit(Only::Both) {
                 Ok(layers) => {
                     assert!(bounces <= allowed && (mean(&layers.indirect) == DVec3::ZERO) == (bounces == 0));
@@ -110,7 +109,7 @@ fn bounces_that_photons_cannot_tell_apart_are_refused() {
             }
             assert!(relit(Only::Direct).is_ok(), "direct light has no bounces");
         }
-        assert!(relume::Relighter::new(transfer).relight(&lamp, &settings(None, Only::Both)).is_ok());
+        assert!(Relighter::new(transfer).relight(&lamp, &settings(None, Only::Both)).is_ok());
     }
 }
 

@@ -28,6 +28,18 @@ pub struct LowRankSettings {
     pub price: f32,
 }
 
+/// Rows of the blocks that prices are meant for.
+const USUAL_ROWS: f32 = 1024.0;
+
+impl LowRankSettings {
+    /// For blocks of so many rows. A direction of a small block is shared by fewer rows and brings less for its coefficients; small images
+    /// have small blocks, and can afford it.
+    #[must_use]
+    pub(super) fn of_blocks(self, rows: usize) -> Self {
+        Self { price: self.price * (rows as f32 / USUAL_ROWS).min(1.0), ..self }
+    }
+}
+
 /// Where a block's parts begin, and how large they are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]

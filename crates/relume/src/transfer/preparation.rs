@@ -405,8 +405,10 @@ impl Shot<'_> {
         let bounce = {
             let prior = self.prior(cloud, &lights, None, progress)?;
             let share = (self.settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
-            let store = Store::new(self.settings, effort.bounce_encoding, prior, share, count);
-            let rows = blocks::of_cloud(cloud, (count / 64).clamp(BOUNCE_BLOCK.0, BOUNCE_BLOCK.1), seed);
+            let length = (count / 64).clamp(BOUNCE_BLOCK.0, BOUNCE_BLOCK.1);
+            let store =
+                Store::new(self.settings, effort.bounce_encoding.of_blocks(length), prior, share, count);
+            let rows = blocks::of_cloud(cloud, length, seed);
             let layout = ImageLayout::of_cloud(count);
             let encoder = store.encoder(&layout);
             let compute = |estimator| {
@@ -426,10 +428,10 @@ impl Shot<'_> {
         let times = self.settings.multibounce.times_to_learn();
         let prior = self.prior(cloud, &lights, Some((&bounce.operator, times)), progress)?;
         drop(lights);
-        let store =
-            Store::new(self.settings, effort.gather_encoding, prior, self.settings.coefficients, count);
         let (width, height) = self.settings.size;
         let length = receiver_block(width * height);
+        let encoding = effort.gather_encoding.of_blocks(length);
+        let store = Store::new(self.settings, encoding, prior, self.settings.coefficients, count);
         let rows = blocks::of_receivers(&receivers.points, length, seed, progress)?;
         let layout = ImageLayout::of_receivers(width, receivers, &rows.owners);
         let mut gather_rows = effort.gather_rows;

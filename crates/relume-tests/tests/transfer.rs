@@ -131,7 +131,7 @@ fn bounces_add_up_to_all_their_terms() {
         let (sum, steps, _) = series.sum(&transfer.bounce, &direct, None, 0.0);
         let (mut last, mut all, mut cut) = (direct.clone(), direct.clone(), Vec::new());
         for term in 1..=200 {
-            last = series.reflect(&transfer.bounce, &last);
+            last = series.reflect(&transfer.bounce, &last, 0.0).0;
             all.iter_mut().zip(&last).for_each(|(all, last)| *all += *last);
             if term == steps {
                 cut = all.clone();

@@ -59,6 +59,13 @@ impl Default for RelightSettings {
     }
 }
 
+impl RelightSettings {
+    /// `epsilon` of culling for an operator.
+    fn epsilon(&self, operator: &Operator) -> f32 {
+        self.cull.unwrap_or_else(|| operator.encoding().cull())
+    }
+}
+
 /// What a frame took, milliseconds unless said otherwise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct FrameStats {
@@ -296,10 +303,9 @@ impl Relighter {
 
     /// Light on the cloud, bounced and gathered to the pixels.
     fn gather(&mut self, radiance: &[Vec3], times: Option<u32>, settings: &RelightSettings) -> Vec<Vec3> {
-        let epsilon = |operator: &Operator| settings.cull.unwrap_or_else(|| operator.encoding().cull());
         let began = Instant::now();
         let (bounce, bounces) = (&self.transfer.bounce, self.edits.bounces(&self.bounces));
-        let bounced = bounces.sum(bounce, radiance, times, epsilon(bounce));
+        let bounced = bounces.sum(bounce, radiance, times, settings.epsilon(bounce));
         self.gather_bounced(bounced, began, settings)
     }
 
@@ -310,12 +316,12 @@ impl Relighter {
         began: Instant,
         settings: &RelightSettings,
     ) -> Vec<Vec3> {
-        let epsilon = |operator: &Operator| settings.cull.unwrap_or_else(|| operator.encoding().cull());
         self.stats.add(work);
         self.stats.bounce_steps += steps;
         self.stats.bounces_ms += milliseconds(began);
         let began = Instant::now();
-        let (gathered, glossy, work) = self.transfer.gather_from(&bounced, epsilon(&self.transfer.gather));
+        let (gathered, glossy, work) =
+            self.transfer.gather_from(&bounced, settings.epsilon(&self.transfer.gather));
         self.stats.add(work);
         self.stats.gather_ms += milliseconds(began);
         let began = Instant::now();
@@ -381,8 +387,7 @@ impl Relighter {
             let began = Instant::now();
             let times = settings.bounces.map(|bounces| bounces - 1);
             let (bounce, bounces) = (&transfer.bounce, self.edits.bounces(&self.bounces));
-            let epsilon = settings.cull.unwrap_or_else(|| bounce.encoding().cull());
-            let bounced = bounces.sum_reflected(bounce, &emitted, times, epsilon);
+            let bounced = bounces.sum_reflected(bounce, &emitted, times, settings.epsilon(bounce));
             lit.indirect.pixels = self.gather_bounced(bounced, began, settings);
         }
         lit

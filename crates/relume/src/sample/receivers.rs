@@ -238,3 +238,48 @@ fn average(points: &mut [Receiver], view: &ViewSamples, of_quads: &[u32], glossy
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shade::Surface;
+
+    const CAMERA: Vec3 = Vec3::new(0.0, 3.0, 0.0);
+
+    /// A metal sample whose normal is turned by `angle` radians about the z axis.
+    fn sample(angle: f32, roughness: f32, f0: f32) -> ViewSample {
+        let surface = Surface {
+            geometric_normal: Vec3::Y,
+            shading_normal: Vec3::new(angle.sin(), angle.cos(), 0.0),
+            specular_f0: Vec3::splat(f0),
+            specular_f90: 1.0,
+            roughness,
+            ..ViewSample::SKY.surface()
+        };
+        ViewSample::new(&Surface { lit: true, ..surface }, CAMERA, Vec3::ONE)
+    }
+
+    /// The roughness of a receiver of these samples.
+    fn roughness_of(samples: &[ViewSample]) -> f32 {
+        let view = ViewSamples { camera: CAMERA, quads: samples.to_vec(), ..ViewSamples::default() };
+        let mut points = [Receiver::of(&samples[0], CAMERA)];
+        average(&mut points, &view, &vec![0; samples.len()], true);
+        points[0].gloss.roughness
+    }
+
+    #[test]
+    fn a_lobe_is_as_wide_as_those_of_its_samples_together() {
+        let close = |found: f32, expected: f32| (found - expected).abs() < 2e-3;
+        assert!(close(roughness_of(&[sample(0.2, 0.3, 0.9); 4]), 0.3), "one normal, one lobe");
+        let (angle, roughness) = (0.15_f32, 0.1_f32);
+        let turned = [sample(angle, roughness, 0.9), sample(-angle, roughness, 0.9)];
+        let expected = (roughness.powi(4) + 2.0 * (1.0 - angle.cos())).powf(0.25);
+        let found = roughness_of(&turned);
+        assert!(close(found, expected), "{found} instead of {expected}");
+        assert!(!close(found, roughness), "turned normals must be noticed");
+        // what reflects little counts little
+        let faint = [sample(0.0, 0.1, 0.9), sample(0.0, 0.9, 0.01)];
+        let weighed = ((0.9 * 0.1_f32.powi(4) + 0.01 * 0.9_f32.powi(4)) / 0.91).powf(0.25);
+        assert!(close(roughness_of(&faint), weighed), "{} instead of {weighed}", roughness_of(&faint));
+    }
+}

@@ -68,7 +68,7 @@ impl ViewSample {
     };
 
     /// `base_color` is the material's factor.
-    fn new(surface: &Surface, camera: Vec3, base_color: Vec3) -> Self {
+    pub(super) fn new(surface: &Surface, camera: Vec3, base_color: Vec3) -> Self {
         let to_camera = (camera - surface.position).normalize_or(surface.geometric_normal);
         let cos_view = to_camera.dot(surface.shading_normal);
         let (own, white) = (surface.diffuse(cos_view), surface.with_base_color(Vec3::ONE).diffuse(cos_view));

@@ -64,14 +64,16 @@ impl BounceSeries {
         self.ratio
     }
 
-    /// `A M g`: light on the cloud after one bounce of `light`. `bounce` is the operator that the series was made for.
-    pub fn reflect(&self, bounce: &Operator, light: &[Vec3]) -> Vec<Vec3> {
-        reflected(bounce, &self.albedo, light, 0.0).0
+    /// `A M g`: light on the cloud after one bounce of `light`, and how much there was to do for it. `bounce` is the operator that the series
+    /// was made for, `epsilon` that of culling.
+    pub fn reflect(&self, bounce: &Operator, light: &[Vec3], epsilon: f32) -> (Vec<Vec3>, Work) {
+        reflected(bounce, &self.albedo, light, epsilon)
     }
 
     /// `g + A M g + (A M)^2 g + ...`: the light on the cloud after `times` bounces within it; `None` sums them all. Also
     /// returns how often `M` was applied, and how much there was to do for it. `bounce` is the operator that the series was made
-    /// for, `epsilon` that of culling, in each bounce ([`Operator::apply_coefficients`]); 0 leaves out nothing.
+    /// for, `epsilon` that of culling ([`Operator::apply_coefficients`]), relative to all light there is: of a late and faint bounce more is
+    /// left out. 0 leaves out nothing.
     pub fn sum(
         &self,
         bounce: &Operator,
@@ -84,6 +86,7 @@ impl BounceSeries {
         let enough = ROUNDING * norm(direct);
         let (mut done, mut work) = (0, Work::default());
         while done < terms {
+            let epsilon = if epsilon > 0.0 { share_of(epsilon, &total, &last) } else { 0.0 };
             let (next, step) = reflected(bounce, &self.albedo, &last, epsilon);
             work += step;
             before = std::mem::replace(&mut last, next);
@@ -109,6 +112,13 @@ impl BounceSeries {
         let left_out = times.map_or(DVec3::ZERO, |times| self.ratio.powf(f64::from(times)));
         whole * (1.0 - left_out)
     }
+}
+
+/// The `epsilon` for the bounce after `last`, where `total` may lose this one in all; at most 1. Squares of what the bounces lose add up to that of
+/// what the whole may lose, if each is given its share of it.
+fn share_of(epsilon: f32, total: &[Vec3], last: &[Vec3]) -> f32 {
+    let share = norm(total).element_sum() / norm(last).element_sum().max(1e-300);
+    (f64::from(epsilon) * share.sqrt()).min(1.0) as f32
 }
 
 /// The same sum term by term, of [`MOST`] at most, without a look at how fast light fades: for a few bounces of many

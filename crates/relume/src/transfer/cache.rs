@@ -96,7 +96,7 @@ impl<'a> Tensors<'a> {
         match &operator.matrix {
             Matrix::LowRank(matrix) => {
                 self.add(&part("shapes"), Dtype::U32, &[3], &matrix.shapes);
-                self.add(&part("places"), Dtype::U16, &[], &matrix.places);
+                self.add(&part("indices"), Dtype::U16, &[], &matrix.indices);
                 self.add(&part("high"), Dtype::U8, &[], &matrix.high);
                 self.add(&part("v_widths"), Dtype::U8, &[], &matrix.v.widths);
                 self.add(&part("v"), Dtype::U8, &[], &matrix.v.bytes);
@@ -336,7 +336,7 @@ impl<'a> Opened<'a> {
         let matrix = match header.encoding {
             Encoding::LowRank => Matrix::LowRank(LowRank {
                 shapes: self.buffer(&part("shapes"))?,
-                places: self.buffer(&part("places"))?,
+                indices: self.buffer(&part("indices"))?,
                 high: self.buffer(&part("high"))?,
                 v: self.runs(name, "v")?,
                 v_scales: self.buffer(&part("v_scales"))?,
@@ -459,11 +459,16 @@ impl<'a> Opened<'a> {
 
     fn transfer(self) -> Result<Transfer> {
         let Report { materials, base_colors, .. } = &self.header.report;
-        if base_colors.len() != materials.len() || !base_colors.iter().all(|&rgb| is_light(Vec3::from(rgb))) {
+        if base_colors.len() != materials.len()
+            || !base_colors.iter().flatten().all(|channel| (0.0..=1.0).contains(channel))
+        {
             return Err(self.refuse("base_colors"));
         }
         let (view, cloud) = (self.view()?, self.cloud()?);
         let gather = self.operator("gather", &self.header.gather, cloud.len())?;
+        if gather.rows > view.centers.len() + view.quads.len() {
+            return Err(self.refuse("gather"));
+        }
         let glossy = self.header.glossy.as_ref();
         let glossy = glossy.map(|header| self.operator("glossy", header, cloud.len())).transpose()?;
         if glossy.as_ref().is_some_and(|glossy| glossy.rows != gather.rows) {

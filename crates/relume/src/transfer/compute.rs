@@ -77,9 +77,7 @@ impl Encoder<'_> {
     fn nothing(self, rows: usize, count: usize) -> EncodedBlock {
         match self {
             Self::LowRank { prior, .. } => EncodedBlock::LowRank(low_rank_encoder::nothing(rows, prior)),
-            Self::Haar(haar) => {
-                EncodedBlock::Haar(KeptRows::of(&vec![0.0; rows * count], haar.weights, haar.per_row))
-            }
+            Self::Haar(haar) => EncodedBlock::Haar(KeptRows::nothing(rows, count, haar.per_row)),
         }
     }
 }

@@ -57,15 +57,21 @@ impl Norms {
         Self { columns: columns.into_iter().map(|square| square as f32).collect(), parts }
     }
 
+    /// The squared norm of one column.
+    #[cfg(test)]
+    pub(super) fn column(&self, coefficient: usize) -> f32 {
+        self.columns[coefficient]
+    }
+
     /// What to leave out under this light; `None` where `epsilon` is 0: nothing.
     pub(super) fn cut(&self, coefficients: &Coefficients, epsilon: f32) -> Option<Cut<'_>> {
         if epsilon <= 0.0 {
             return None;
         }
         let lit = coefficients.as_slice().iter().zip(&self.columns);
-        let all: f64 = lit.map(|(&light, &square)| f64::from(energy(light) * square)).sum();
+        let all: f64 = lit.map(|(&light, &square)| f64::from(energy(light)) * f64::from(square)).sum();
         let mean = all / self.parts.len().max(1) as f64;
-        Some(Cut { parts: &self.parts, most: (f64::from(epsilon).powi(2) * mean) as f32 })
+        Some(Cut { parts: &self.parts, most: f64::from(epsilon).powi(2) * mean })
     }
 }
 
@@ -78,12 +84,12 @@ pub(super) fn energy([red, green, blue]: [f32; 3]) -> f32 {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cut<'a> {
     parts: &'a [f32],
-    most: f32,
+    most: f64,
 }
 
 impl Cut<'_> {
     /// Whether a part adds next to nothing under light of this energy.
     pub(super) fn is_faint(&self, part: usize, energy: f32) -> bool {
-        energy * self.parts[part] <= self.most
+        f64::from(energy) * f64::from(self.parts[part]) <= self.most
     }
 }

@@ -68,6 +68,7 @@ impl HaarRows {
             && entries == Some(self.values.len())
             && (self.high.is_empty() || entries == Some(self.high.len()))
             && self.scales.len() == rows
+            && self.scales.iter().all(|scale| scale.is_finite())
             && (0..self.indices.len()).all(|place| self.index(place) < count)
     }
 
@@ -117,5 +118,40 @@ impl HaarRows {
         };
         let culled = out.par_iter_mut().enumerate().with_min_len(256).map(row_without).sum();
         Work { all: self.values.len() as u64, culled }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let weights = vec![1.0; 64];
+        let rows: Vec<f32> = (0..3 * 64).map(|i| (i % 7) as f32 - 3.0).collect();
+        let (whole, _) = HaarRows::encode(&[KeptRows::of(&rows, &weights, 5)], 64);
+        assert!(whole.is_sound(3, 64));
+        assert!(!whole.is_sound(2, 64) && !whole.is_sound(3, 4) && !whole.is_sound(usize::MAX, 64));
+        let wrong = [
+            HaarRows { per_row: 4, ..whole.clone() },
+            HaarRows { indices: whole.indices[1..].to_vec().into(), ..whole.clone() },
+            HaarRows { high: vec![1; 15].into(), ..whole.clone() },
+            HaarRows { high: vec![0].into(), ..whole.clone() },
+            HaarRows { values: whole.values[1..].to_vec().into(), ..whole.clone() },
+            HaarRows { scales: vec![1.0; 2].into(), ..whole.clone() },
+            HaarRows { scales: vec![f32::INFINITY; 3].into(), ..whole.clone() },
+        ];
+        for (number, wrong) in wrong.iter().enumerate() {
+            assert!(!wrong.is_sound(3, 64), "{number}");
+        }
+    }
+
+    #[test]
+    fn rows_of_nothing_are_those_of_zeros() {
+        let (rows, count, per_row) = (3, 64, 5);
+        let zeros = KeptRows::of(&vec![0.0; rows * count], &vec![1.0; count], per_row);
+        let nothing = KeptRows::nothing(rows, count, per_row);
+        assert_eq!((zeros.values, zeros.energies), (nothing.values, nothing.energies));
+        assert_eq!(zeros.indices, nothing.indices);
     }
 }

@@ -40,7 +40,7 @@ impl LowRankSettings {
     }
 }
 
-/// Where a block's parts begin, and how large they are.
+/// How large the parts of a block are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct BlockShape {
@@ -58,8 +58,8 @@ pub struct LowRank {
     /// One a block.
     pub shapes: Buffer<BlockShape>,
     /// Kept coefficients of all blocks, the most important first: the low 16 bits of their numbers.
-    pub places: Buffer<u16>,
-    /// High bits of `places`; empty where 16 bits are enough.
+    pub indices: Buffer<u16>,
+    /// High bits of `indices`; empty where 16 bits are enough.
     pub high: Buffer<u8>,
     /// For each block, direction after direction: a value a kept coefficient.
     pub v: PackedRuns,
@@ -79,15 +79,13 @@ fn joined<T: bytemuck::Pod>(blocks: &[Encoded], part: impl Fn(&Encoded) -> &[T])
 impl LowRank {
     /// Puts blocks together, of light on `count` gather samples.
     pub(super) fn from_blocks(blocks: &[Encoded], count: usize) -> Self {
-        let places = |of: fn(u32) -> u16| blocks.iter().flat_map(|b| &b.places).map(move |&place| of(place));
-        let high = if count > 1 << 16 {
-            blocks.iter().flat_map(|block| &block.places).map(|place| (place >> 16) as u8).collect()
-        } else {
-            Vec::new()
-        };
+        let kept = || blocks.iter().flat_map(|block| &block.indices);
+        let low = || kept().map(|index| *index as u16);
+        let high =
+            if count > 1 << 16 { kept().map(|index| (index >> 16) as u8).collect() } else { Vec::new() };
         Self {
             shapes: blocks.iter().map(|block| block.shape).collect::<Vec<_>>().into(),
-            places: places(|place| place as u16).collect::<Vec<_>>().into(),
+            indices: low().collect::<Vec<u16>>().into(),
             high: high.into(),
             v: PackedRuns { widths: joined(blocks, |b| &b.v.widths), bytes: joined(blocks, |b| &b.v.bytes) },
             v_scales: joined(blocks, |b| &b.v_scales),
@@ -99,7 +97,7 @@ impl LowRank {
     /// Bytes of all arrays.
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.shapes)
-            + size_of_val(&*self.places)
+            + size_of_val(&*self.indices)
             + self.high.len()
             + self.v.bytes()
             + size_of_val(&*self.v_scales)
@@ -114,8 +112,8 @@ impl LowRank {
         };
         let is = |sum: Option<u64>, length: usize| sum == Some(length as u64);
         is(sum(|s| u64::from(s.rows)), rows)
-            && is(sum(|s| u64::from(s.kept)), self.places.len())
-            && (self.high.is_empty() || self.high.len() == self.places.len())
+            && is(sum(|s| u64::from(s.kept)), self.indices.len())
+            && (self.high.is_empty() || self.high.len() == self.indices.len())
             && is(
                 sum(|s| u64::from(s.rank).saturating_mul(runs_of(s.kept as usize) as u64)),
                 self.v.widths.len(),
@@ -126,14 +124,15 @@ impl LowRank {
             )
             && is(sum(|s| u64::from(s.rank)), self.v_scales.len())
             && self.v_scales.len() == self.u_scales.len()
+            && self.v_scales.iter().chain(&*self.u_scales).all(|scale| scale.is_finite())
             && self.v.is_sound()
             && self.u.is_sound()
-            && (0..self.places.len()).all(|at| self.place(at) < count)
+            && (0..self.indices.len()).all(|at| self.index(at) < count)
     }
 
-    fn place(&self, at: usize) -> usize {
+    fn index(&self, at: usize) -> usize {
         let high = self.high.get(at).copied().unwrap_or(0);
-        usize::from(self.places[at]) | usize::from(high) << 16
+        usize::from(self.indices[at]) | usize::from(high) << 16
     }
 
     /// The parts are runs of kept coefficients of a block, as they are packed. Directions are taken as orthogonal.
@@ -143,7 +142,7 @@ impl LowRank {
             let squares = part.column_squares();
             runs.extend(squares.chunks(RUN).map(|run| run.iter().fold(0.0, |most, &s| f32::max(most, s))));
             for (place, square) in part.kept.clone().zip(squares) {
-                columns[self.place(place)] += f64::from(square);
+                columns[self.index(place)] += f64::from(square);
             }
         }
         Norms::new(columns, runs)
@@ -232,7 +231,7 @@ impl Part<'_> {
         let (red, rest) = gathered.split_at_mut(runs * RUN);
         let (green, blue) = rest.split_at_mut(runs * RUN);
         for (at, place) in self.kept.clone().enumerate() {
-            [red[at], green[at], blue[at]] = coefficients.at(matrix.place(place));
+            [red[at], green[at], blue[at]] = coefficients.at(matrix.index(place));
         }
         let bright = self.bright([red, green, blue], cut);
         let rows = runs_of(self.out.len());

@@ -5,6 +5,8 @@ use crate::trace::sampling::{hash, unit};
 use crate::transfer::Coefficients;
 use crate::transfer::haar;
 use crate::transfer::low_rank::LowRank;
+use crate::transfer::packed_runs::PackedRuns;
+use crate::transfer::{Matrix, Operator};
 
 const COUNT: usize = 256;
 const ROWS: usize = 64;
@@ -110,7 +112,7 @@ fn a_higher_price_buys_less_and_loses_more() {
     let prior = prior(&lamps(0, LIGHTS as u32));
     let at = |price| {
         let (encoded, error) = encoded(&prior, &LowRankSettings { price, ..ALL });
-        (encoded.shape.rank * encoded.shape.kept, error)
+        (LowRank::from_blocks(&[encoded], COUNT).bytes(), error)
     };
     let (dear, fair, free) = (at(1e-1), at(1e-3), at(0.0));
     assert!(dear.0 < fair.0 && fair.0 < free.0, "{dear:?} {fair:?} {free:?}");
@@ -189,4 +191,56 @@ fn a_search_that_starts_from_some_of_many_lights_finds_the_strongest_directions(
         without_last < 0.999 * best,
         "a direction that is missing must be noticed: {without_last} of {best}"
     );
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let (encoded, _) =
+        encoded(&prior(&lamps(0, LIGHTS as u32)), &LowRankSettings { rank: 6, kept: 20, ..ALL });
+    let whole = LowRank::from_blocks(&[encoded], COUNT);
+    assert!(whole.is_sound(ROWS, COUNT));
+    assert!(!whole.is_sound(ROWS + 1, COUNT) && !whole.is_sound(ROWS, 16));
+    let shape = whole.shapes[0];
+    let shapes = |shape: BlockShape| LowRank { shapes: vec![shape].into(), ..whole.clone() };
+    let [rows, rank, kept] = [shape.rows, shape.rank, shape.kept].map(|size| [size - 1, size + 1, u32::MAX]);
+    let wrong: Vec<LowRank> = (rows.into_iter().map(|rows| shapes(BlockShape { rows, ..shape })))
+        .chain(rank.into_iter().map(|rank| shapes(BlockShape { rank, ..shape })))
+        .chain(kept.into_iter().map(|kept| shapes(BlockShape { kept, ..shape })))
+        .chain([
+            LowRank { shapes: vec![shape, shape].into(), ..whole.clone() },
+            LowRank { indices: whole.indices[1..].to_vec().into(), ..whole.clone() },
+            LowRank { indices: vec![COUNT as u16; shape.kept as usize].into(), ..whole.clone() },
+            LowRank { high: vec![1; shape.kept as usize].into(), ..whole.clone() },
+            LowRank { high: vec![0].into(), ..whole.clone() },
+            LowRank { v_scales: whole.v_scales[1..].to_vec().into(), ..whole.clone() },
+            LowRank { u_scales: vec![f32::NAN; shape.rank as usize].into(), ..whole.clone() },
+            LowRank { u: PackedRuns::default(), ..whole.clone() },
+            LowRank { v: PackedRuns::default(), ..whole.clone() },
+        ])
+        .collect();
+    for (number, wrong) in wrong.iter().enumerate() {
+        assert!(!wrong.is_sound(ROWS, COUNT), "{number}");
+    }
+}
+
+/// The squares that culling asks for, against the light of each coefficient by itself.
+#[test]
+fn columns_are_as_strong_as_what_they_do() {
+    let (encoded, _) = encoded(&prior(&lamps(0, LIGHTS as u32)), &ALL);
+    let matrix = LowRank::from_blocks(&[encoded], COUNT);
+    let operator = Operator::new(ROWS, Matrix::LowRank(matrix), vec![1.0; COUNT].into(), 0.0);
+    let norms = operator.norms(COUNT);
+    let (mut told, mut done) = (0.0, 0.0);
+    for column in 0..COUNT {
+        let mut wavelet = vec![0.0; COUNT];
+        wavelet[column] = 1.0;
+        haar::inverse(&mut wavelet, &mut vec![0.0; COUNT]);
+        let light: Vec<Vec3> = wavelet.iter().map(|&value| Vec3::splat(value)).collect();
+        let square: f64 = operator.apply(&light).iter().map(|rgb| f64::from(rgb.x).powi(2)).sum();
+        told += f64::from(norms.column(column));
+        done += square;
+    }
+    // directions are orthogonal but for rounding
+    assert!((told / done - 1.0).abs() < 0.02, "{told} {done}");
+    assert!((0..COUNT).any(|column| norms.column(column) < 0.5 * norms.column(0)));
 }

@@ -88,7 +88,8 @@ impl CloudBounces {
         }
     }
 
-    /// The same without `light` itself: what comes of it after one bounce and up to `times` more.
+    /// The same without `light` itself: what comes of it after one bounce and up to `times` more; of photons, after all, whatever `times`
+    /// ([`Multibounce::check_bounces`] refuses what they cannot do).
     pub fn sum_reflected(
         &self,
         bounce: &Operator,
@@ -97,7 +98,12 @@ impl CloudBounces {
         epsilon: f32,
     ) -> (Vec<Vec3>, u32, Work) {
         match self {
-            Self::Iterated(series) => series.sum(bounce, &series.reflect(bounce, light), times, epsilon),
+            Self::Iterated(series) => {
+                let (reflected, first) = series.reflect(bounce, light, epsilon);
+                let (sum, steps, mut work) = series.sum(bounce, &reflected, times, epsilon);
+                work += first;
+                (sum, steps + 1, work)
+            }
             Self::Photon(albedo) => {
                 let (reflected, work) = reflected(bounce, albedo, light, epsilon);
                 (reflected, 1, work)

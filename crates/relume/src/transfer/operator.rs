@@ -136,6 +136,9 @@ impl Operator {
 
     /// Whether the parts fit together and a cloud of `count` samples: what a file must be before it is used.
     pub(super) fn is_sound(&self, count: usize) -> bool {
+        if !self.weights.iter().all(|weight| weight.is_finite()) {
+            return false;
+        }
         match &self.matrix {
             Matrix::LowRank(matrix) => self.weights.len() == count && matrix.is_sound(self.rows, count),
             Matrix::HaarRows(matrix) => self.weights.is_empty() && matrix.is_sound(self.rows, count),

@@ -39,6 +39,9 @@ const LONGEST: u32 = 64;
 const MOST_HITS: usize = 1 << 26;
 /// Cosine between normals from which on two points count as facing alike.
 const LIKE: f32 = 0.7;
+/// Share of the photons near a sample that must be on their first flight, by flux, for these to tell the scale of its row. Where light keeps
+/// nine tenths at each hit, a tenth of it is.
+const LEAST_FIRST: f32 = 0.05;
 /// Rays by which a gather sample looks around for others.
 const LOOKS: u32 = 64;
 
@@ -73,8 +76,8 @@ impl PhotonSettings {
         if !(1..=1 << 16).contains(&self.nearest) {
             return refused(format!("{} photons a row: must be 1 to 65536", self.nearest));
         }
-        if self.path_length == Some(0) {
-            return refused("photons of 0 hits: must be 1 or more, or without limit".into());
+        if let Some(length) = self.path_length.filter(|length| !(1..=LONGEST).contains(length)) {
+            return refused(format!("photons of {length} hits: must be 1 to {LONGEST}, or without limit"));
         }
         Ok(())
     }
@@ -254,20 +257,22 @@ impl PhotonMap<'_> {
     pub(super) fn row(&self, point: &GatherPoint, row: &mut [f32]) -> u64 {
         let place = point.position.to_array();
         let near = self.tree.query(&place).nearest_n::<SquaredEuclidean<f32>>(self.nearest).execute();
-        let mut first = 0.0;
+        let (mut sum, mut first) = (0.0, 0.0);
         for found in &near {
             let deposit = self.deposits[found.item as usize];
             // what is around a corner is not here
             if point.geometric_normal.dot(deposit.normal.get()) > LIKE {
                 let flux = self.flux[deposit.origin()];
                 row[deposit.origin()] += flux;
+                sum += flux;
                 first += if deposit.is_first() { flux } else { 0.0 };
             }
         }
         let disc = PI * near.last().map_or(0.0, |farthest| farthest.distance);
         let scale = match first {
-            _ if first > 0.0 => self.seen_from(point) / first,
-            _ if disc > 0.0 => 1.0 / disc, // light that gets here by detours alone
+            // few on their first flight say little, and nothing may make a row of them
+            _ if first > LEAST_FIRST * sum => self.seen_from(point) / first,
+            _ if disc > 0.0 => 1.0 / disc, // light that gets here by detours, nearly alone
             _ => 0.0,
         };
         row.iter_mut().for_each(|entry| *entry *= scale);

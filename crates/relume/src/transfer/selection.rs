@@ -68,6 +68,18 @@ impl KeptRows {
         kept
     }
 
+    /// `rows` rows of zeros over `count` coefficients.
+    pub(super) fn nothing(rows: usize, count: usize, per_row: usize) -> Self {
+        let per_row = per_row.min(count);
+        Self {
+            per_row,
+            weight: 1.0,
+            indices: (0..rows).flat_map(|_| 0..per_row as u32).collect(),
+            values: vec![0.0; rows * per_row],
+            energies: vec![0.0; rows],
+        }
+    }
+
     /// Row by row: which coefficients, their values, and the squared norm of the whole row.
     pub(super) fn rows(&self) -> impl Iterator<Item = (&[u32], &[f32], f64)> {
         let kept =

@@ -396,7 +396,7 @@ fn multibounce(settings: &Settings) -> String {
     let photons = settings.photons;
     let path = photons.path_length.map_or("any number of".to_owned(), |length| format!("up to {length}"));
     format!(
-        "{name}: {} photons of {path} hits, {} a row; relights with --bounces 0, 1 or all",
+        "{name}: {} photons of {path} hits, {} a row; bounces cannot be told apart, materials keep their colours",
         count(photons.count as u64),
         count(photons.nearest as u64)
     )

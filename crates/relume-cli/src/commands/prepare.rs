@@ -134,7 +134,8 @@ enum MultibounceName {
     /// One bounce, gathered as pixels gather, and applied again and again.
     #[default]
     Iterated,
-    /// All bounces at once, from photons (Hasan 2006), for comparison. Relights in one step; `relight --bounces` is then 0, 1 or all.
+    /// All bounces at once, from photons (after Hasan 2006), for comparison. Relights in one step. Bounces cannot be told apart: `relight
+    /// --bounces` is 0 or all, or 1 where nothing emits light. Materials keep their colours.
     Photon,
 }
 

@@ -28,8 +28,8 @@ pub(super) fn base_colors(report: &Report, rig: &LightRig) -> Result<Vec<Vec3>, 
         && let Some((name, _)) = materials.find(edited)
     {
         return Err(Error::Setting(format!(
-            "material `{name}`: the shot was prepared with photons, whose bounces have its colours in them; leave `base_color` as it is in \
-             the scene, or prepare it with --multibounce iterated"
+            "material `{name}`: the shot was prepared with photons, whose bounces have its colours in them; take it \
+             out of the rig, or prepare it with --multibounce iterated"
         )));
     }
     Ok(report.base_colors.iter().zip(edits).map(color).collect())

@@ -101,7 +101,7 @@ pub struct Report {
     pub triangles: u64,
     /// Visibility and hemisphere rays of the final gather, a pixel whose centre reflects light.
     pub rays_per_pixel: f64,
-    /// The same of the bounces, a gather sample; with photons, the rays on which these fly.
+    /// The same of the bounces, a gather sample; with photons, the rays on which these fly and those by which samples look around.
     pub rays_per_gather_sample: f64,
     /// Expected relative error of the final gather's encoding alone.
     pub gather_error: f64,

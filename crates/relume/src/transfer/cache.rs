@@ -32,7 +32,7 @@ use crate::{Error, Result, atomic_write};
 
 /// Version of the file format. A file of another version is refused: preparing again takes minutes, guessing at old
 /// files costs trust.
-pub const FORMAT_VERSION: u32 = 6;
+pub const FORMAT_VERSION: u32 = 7;
 
 const KEY: &str = "relume";
 

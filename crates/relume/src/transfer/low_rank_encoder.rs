@@ -398,7 +398,7 @@ impl Quantised {
     fn of_directions(v: &[f32], count: usize, step: f32) -> Self {
         let mut quantised = Self::of(0);
         for direction in v.chunks_exact(count.max(1)) {
-            quantised.add(direction, step, i16::MAX, DEAD_ZONE);
+            quantised.add(direction, step, DEAD_ZONE);
         }
         quantised
     }
@@ -407,15 +407,16 @@ impl Quantised {
         Self { runs: RunWriter::default(), scales: Vec::new(), values: Vec::with_capacity(capacity) }
     }
 
-    /// Adds a row in steps of `step`, or larger ones if it takes more than `most` of these. Values that are less than `dead_zone` steps
-    /// become zero.
-    fn add(&mut self, row: &[f32], step: f32, most: i16, dead_zone: f32) {
+    /// Adds a row in steps of `step`, or larger ones if it takes more than 16 bits' worth of these: a few large values must not make all
+    /// others coarse. Values that are less than `dead_zone` steps become zero.
+    fn add(&mut self, row: &[f32], step: f32, dead_zone: f32) {
         let largest = row.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
-        let step = step.max(largest / f32::from(most));
+        let most = f32::from(i16::MAX);
+        let step = step.max(largest / most);
         let inverse = if step > 0.0 { 1.0 / step } else { 0.0 };
         let round = |value: &f32| {
             let steps = value.abs() * inverse;
-            let whole = if steps < dead_zone { 0.0 } else { steps.round().min(f32::from(most)) };
+            let whole = if steps < dead_zone { 0.0 } else { steps.round().min(most) };
             whole.copysign(*value) as i16
         };
         let steps: Vec<i16> = row.iter().map(round).collect();
@@ -450,7 +451,7 @@ impl Fit {
         for column in 0..self.rank {
             let brings = self.square[(column, column)].sqrt().max(1e-30);
             let weights: Vec<f32> = weights.column(column).iter().map(|&weight| weight as f32).collect();
-            quantised.add(&weights, (step / brings) as f32, i16::from(i8::MAX), 0.5);
+            quantised.add(&weights, (step / brings) as f32, 0.5);
         }
         let turned = |k: usize| quantised.values[k % self.rank * self.rows + k / self.rank];
         let coarse = (0..self.rows * self.rank).map(turned).collect();

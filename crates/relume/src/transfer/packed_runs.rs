@@ -1,7 +1,7 @@
 //! Small integers in few bits: runs of [`RUN`], each in as few bits as its largest needs.
 //!
 //! The parts of a low-rank block are quantised in equal steps, so that one more bit is spent where values are twice as large. Most values
-//! are a few steps or none: runs take 0, 2, 4, 8 or 16 bits a value, which shifts and masks unpack in step with the sums.
+//! are a few steps or none: runs take from 0 to 8 bits a value, or 16, which shifts unpack in step with the sums.
 
 use multiversion::multiversion;
 
@@ -15,9 +15,11 @@ const LANES: usize = 16;
 /// Runs of integers, one after the other.
 #[derive(Clone, Debug, Default)]
 pub struct PackedRuns {
-    /// One a run: bits a value, 0, 2, 4, 8 or 16.
+    /// One a run: bits a value, 0 to 8, or 16.
     pub widths: Buffer<u8>,
-    /// `8 * width` bytes a run: two's complement, the values of lane `i` in the same byte (or 16-bit word), the first in the lowest bits.
+    /// `8 * width` bytes a run, two's complement. Of 16 bits: value after value, the low byte first. Of fewer: value `i` belongs to lane
+    /// `i % 16`, whose four values stand one above the other in a word of `4 * width` bits, the first in the lowest. The lowest bytes of all lanes
+    /// come first, then the next ones; for odd widths the highest four bits last: those of lane `i` below those of lane `i + 8` in one byte.
     pub bytes: Buffer<u8>,
 }
 
@@ -46,14 +48,14 @@ fn run_bytes(width: u8) -> usize {
 }
 
 fn width_of(run: &[i16]) -> u8 {
-    let (low, high) = run.iter().fold((0, 0), |(low, high), &value| (value.min(low), value.max(high)));
-    [0_u8, 2, 4, 8]
-        .into_iter()
-        .find(|&width| {
-            let half = if width == 0 { 0 } else { 1_i16 << (width - 1) };
-            low >= -half && high < half.max(1)
-        })
-        .unwrap_or(16)
+    // the bits of a number, or of the complement of a negative one, and its sign
+    let bits = run.iter().fold(0, |bits, &value| bits | if value < 0 { !value } else { value } as u16);
+    let negative = run.iter().any(|&value| value < 0);
+    match (16 - bits.leading_zeros() as u8, negative) {
+        (0, false) => 0,
+        (bits @ 0..=7, _) => bits + 1,
+        _ => 16,
+    }
 }
 
 impl RunWriter {
@@ -67,23 +69,24 @@ impl RunWriter {
             match width {
                 0 => {}
                 16 => self.bytes.extend(run.iter().flat_map(|value| value.to_le_bytes())),
-                8 => self.bytes.extend(run.iter().map(|&value| value as u8)),
                 width => self.pack(&run, width),
             }
         }
     }
 
-    /// Several values a byte.
+    /// The values of a lane in one word.
     fn pack(&mut self, run: &[i16; RUN], width: u8) {
-        let mask = (1_u8 << width) - 1;
-        for block in run.chunks_exact(LANES * usize::from(8 / width)) {
-            for lane in 0..LANES {
-                let values = block.iter().skip(lane).step_by(LANES);
-                let byte = values.enumerate().fold(0, |byte, (place, &value)| {
-                    byte | (value as u8 & mask) << (place * usize::from(width))
-                });
-                self.bytes.push(byte);
-            }
+        let mask = (1_u32 << width) - 1;
+        let words: [u32; LANES] = std::array::from_fn(|lane| {
+            let values = run.iter().skip(lane).step_by(LANES).zip(0..);
+            values.fold(0, |word, (&value, place)| word | (value as u32 & mask) << (place * u32::from(width)))
+        });
+        for byte in 0..width / 2 {
+            self.bytes.extend(words.map(|word| (word >> (8 * byte)) as u8));
+        }
+        if width % 2 == 1 {
+            let high = words.map(|word| (word >> (4 * (width - 1))) as u8);
+            self.bytes.extend((0..LANES / 2).map(|lane| high[lane] | high[lane + LANES / 2] << 4));
         }
     }
 }
@@ -96,7 +99,7 @@ impl PackedRuns {
 
     /// Whether all widths are known and the bytes are theirs.
     pub(super) fn is_sound(&self) -> bool {
-        let known = self.widths.iter().all(|width| matches!(width, 0 | 2 | 4 | 8 | 16));
+        let known = self.widths.iter().all(|width| matches!(width, 0..=8 | 16));
         known && self.widths.iter().map(|&width| run_bytes(width)).sum::<usize>() == self.bytes.len()
     }
 
@@ -158,37 +161,50 @@ fn for_lanes(
         if !taken(run) {
             continue;
         }
-        let mut place = run * RUN;
+        let place = run * RUN;
         match width {
-            2 => {
-                for shift in [6, 4, 2, 0] {
-                    each(place, std::array::from_fn(|lane| f32::from((bytes[lane] << shift) as i8 >> 6)));
-                    place += LANES;
-                }
-            }
-            4 => {
-                for block in bytes.chunks_exact(LANES) {
-                    for shift in [4, 0] {
-                        each(place, std::array::from_fn(|lane| f32::from((block[lane] << shift) as i8 >> 4)));
-                        place += LANES;
-                    }
-                }
-            }
-            8 => {
-                for block in bytes.chunks_exact(LANES) {
-                    each(place, std::array::from_fn(|lane| f32::from(block[lane] as i8)));
-                    place += LANES;
-                }
-            }
+            1 => few::<1>(bytes, place, &mut each),
+            2 => few::<2>(bytes, place, &mut each),
+            3 => few::<3>(bytes, place, &mut each),
+            4 => few::<4>(bytes, place, &mut each),
+            5 => few::<5>(bytes, place, &mut each),
+            6 => few::<6>(bytes, place, &mut each),
+            7 => few::<7>(bytes, place, &mut each),
+            8 => few::<8>(bytes, place, &mut each),
             16 => {
-                for block in bytes.chunks_exact(2 * LANES) {
-                    let word = |lane: usize| i16::from_le_bytes([block[2 * lane], block[2 * lane + 1]]);
-                    each(place, std::array::from_fn(|lane| f32::from(word(lane))));
-                    place += LANES;
+                for (block, bytes) in bytes.chunks_exact(2 * LANES).enumerate() {
+                    let word = |lane: usize| i16::from_le_bytes([bytes[2 * lane], bytes[2 * lane + 1]]);
+                    each(place + block * LANES, std::array::from_fn(|lane| f32::from(word(lane))));
                 }
             }
             _ => {}
         }
+    }
+}
+
+/// Calls `each` for a run of at most 8 bits a value.
+#[inline(always)]
+fn few<const WIDTH: usize>(bytes: &[u8], place: usize, each: &mut impl FnMut(usize, [f32; LANES])) {
+    let bytes = &bytes[..WIDTH * RUN / 8];
+    let mut words = [0_u32; LANES];
+    for byte in 0..WIDTH / 2 {
+        for lane in 0..LANES {
+            words[lane] |= u32::from(bytes[byte * LANES + lane]) << (8 * byte);
+        }
+    }
+    if WIDTH % 2 == 1 {
+        let (high, up) = (&bytes[WIDTH / 2 * LANES..], 4 * (WIDTH - 1));
+        for lane in 0..LANES / 2 {
+            words[lane] |= u32::from(high[lane] & 15) << up;
+            words[lane + LANES / 2] |= u32::from(high[lane] >> 4) << up;
+        }
+    }
+    for value in 0..RUN / LANES {
+        let up = 32 - WIDTH * (value + 1);
+        each(
+            place + value * LANES,
+            std::array::from_fn(|lane| ((words[lane] << up) as i32 >> (32 - WIDTH)) as f32),
+        );
     }
 }
 
@@ -238,20 +254,22 @@ mod tests {
     use super::*;
     use crate::trace::sampling::{hash, unit};
 
+    const WIDTHS: [u8; 12] = [2, 4, 8, 16, 0, 1, 3, 5, 7, 6, 2, 4];
+
     /// One value of a run.
     fn value(run: &[u8], width: u8, place: usize) -> i16 {
-        match width {
-            0 => 0,
-            16 => i16::from_le_bytes([run[2 * place], run[2 * place + 1]]),
-            8 => i16::from(run[place] as i8),
-            width => {
-                let a_byte = usize::from(8 / width);
-                let (block, within) = (place / (LANES * a_byte), place % (LANES * a_byte));
-                let byte = run[block * LANES + within % LANES];
-                let up = 8 - width - (within / LANES) as u8 * width;
-                i16::from((byte << up) as i8 >> (8 - width))
-            }
+        if width == 16 {
+            return i16::from_le_bytes([run[2 * place], run[2 * place + 1]]);
         }
+        let (width, lane) = (usize::from(width), place % LANES);
+        let bit = |bit: usize| {
+            let half = bit / 8 == width / 2;
+            let (byte, up) = if half { (lane % 8, bit % 8 + 4 * (lane / 8)) } else { (lane, bit % 8) };
+            i32::from(run[bit / 8 * LANES + byte] >> up & 1)
+        };
+        let first = place / LANES * width;
+        let value: i32 = (0..width).map(|place| bit(first + place) << place).sum();
+        (if width > 0 && bit(first + width - 1) == 1 { value - (1 << width) } else { value }) as i16
     }
 
     /// The plain twin of what the sums unpack.
@@ -266,15 +284,14 @@ mod tests {
         values
     }
 
-    /// Runs whose largest values are those of each width, and one of zeros.
+    /// Runs of each width.
     fn some() -> Vec<i16> {
-        let largest: [i16; 8] = [1, 7, 127, 32_767, 0, 1, 100, 5];
         let random = |i: usize| unit(hash(i as u32, 3));
         let value = |i: usize| {
-            let most = f32::from(largest[i / RUN % largest.len()]);
-            ((2.0 * random(i) - 1.0) * (most + 0.5)).round().clamp(-most - 1.0, most) as i16
+            let half = (f32::from(WIDTHS[i / RUN]) - 1.0).exp2();
+            if half < 1.0 { 0 } else { ((2.0 * random(i) - 1.0) * half).floor() as i16 }
         };
-        (0..largest.len() * RUN - 9).map(value).collect()
+        (0..WIDTHS.len() * RUN - 9).map(value).collect()
     }
 
     fn packed(values: &[i16]) -> PackedRuns {
@@ -287,7 +304,7 @@ mod tests {
     fn what_is_packed_comes_back_in_no_more_bits_than_it_needs() {
         let all = some();
         let packed = packed(&all);
-        assert_eq!(*packed.widths, [2, 4, 8, 16, 0, 2, 8, 4]);
+        assert_eq!(*packed.widths, WIDTHS);
         assert!(packed.is_sound());
         let back = values(packed.runs());
         assert_eq!(back[..all.len()], all);
@@ -327,7 +344,7 @@ mod tests {
         let whole = packed(&some());
         let widths = |widths: Vec<u8>| PackedRuns { widths: widths.into(), ..whole.clone() };
         let mut other = whole.widths.to_vec();
-        other[0] = 3;
+        other[0] = 9;
         assert!(!widths(other.clone()).is_sound());
         other[0] = 4;
         assert!(!widths(other).is_sound());

@@ -50,7 +50,7 @@ fn cornell_box_agrees_with_the_path_tracer() {
         assert!(direct < CORNELL_DIRECT, "{direct}");
         assert!(indirect < CORNELL_INDIRECT, "{bounces} bounces: {indirect}");
     }
-    println!("expected of the encoding: {:.4}", transfer.report.gather_error);
+    println!("expected of the encoding: {:.4?}", transfer.report.gather_error);
     let wrong = relight_afresh(&transfer, &LightRig::default(), &settings(1));
     let wrong = unbiased_relative_l2(&wrong.indirect, &truth.indirect[3]);
     assert!(wrong > CORNELL_INDIRECT, "one bounce is not four: {wrong}");

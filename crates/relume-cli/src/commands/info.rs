@@ -394,9 +394,11 @@ fn multibounce(settings: &Settings) -> String {
         return name;
     }
     let photons = settings.photons;
-    let path = photons.path_length.map_or("any number of".to_owned(), |length| format!("up to {length}"));
+    let path = photons
+        .path_length
+        .map_or("that end by roulette".to_owned(), |length| format!("of up to {length} hits"));
     format!(
-        "{name}: {} photons of {path} hits, {} a row; bounces cannot be told apart, materials keep their colours",
+        "{name}: {} photons {path}, {} a row; bounces cannot be told apart, materials keep their colours",
         count(photons.count as u64),
         count(photons.nearest as u64)
     )
@@ -455,7 +457,7 @@ impl std::fmt::Display for CacheContents<'_> {
         table.line("file", format!("{}, format {}", bytes(self.cache_bytes), self.format_version));
         table.line(
             "encoding error",
-            encoding_errors([Some(report.gather_error), report.glossy_error, Some(report.bounce_error)]),
+            encoding_errors([report.gather_error, report.glossy_error, report.bounce_error]),
         );
         table.line(
             "rays",

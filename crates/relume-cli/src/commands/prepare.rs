@@ -195,10 +195,10 @@ struct Figures<'a> {
     /// 0 without reflections.
     glossy_bytes: usize,
     bounce_bytes: usize,
-    gather_encoding_error: f64,
+    gather_encoding_error: Option<f64>,
     /// `null` without reflections.
     glossy_encoding_error: Option<f64>,
-    bounce_encoding_error: f64,
+    bounce_encoding_error: Option<f64>,
     triangles: u64,
     gather_samples: usize,
     lit_pixels: usize,
@@ -294,8 +294,12 @@ impl Arguments {
 /// The expected errors of the encodings of the diffuse and the glossy final gather and of the bounces.
 pub(crate) fn encoding_errors([gather, glossy, bounces]: [Option<f64>; 3]) -> String {
     let named = [("diffuse", gather), ("glossy", glossy), ("bounces", bounces)];
-    let told = named.iter().filter_map(|(name, error)| Some(format!("{} {name}", percent((*error)?))));
-    format!("{} (expected)", told.collect::<Vec<_>>().join(", "))
+    let told: Vec<String> =
+        named.iter().filter_map(|(name, error)| Some(format!("{} {name}", percent((*error)?)))).collect();
+    if told.is_empty() {
+        return "unknown: no light that was tried reaches anything".to_owned();
+    }
+    format!("{} (expected)", told.join(", "))
 }
 
 impl<'a> Figures<'a> {
@@ -371,8 +375,7 @@ impl std::fmt::Display for Figures<'_> {
                 self.bytes_per_pixel
             ),
         );
-        let errors =
-            [Some(self.gather_encoding_error), self.glossy_encoding_error, Some(self.bounce_encoding_error)];
+        let errors = [self.gather_encoding_error, self.glossy_encoding_error, self.bounce_encoding_error];
         table.line("encoding error", encoding_errors(errors));
         table.line("cache", format!("{}, {}", self.cache.display(), bytes(self.cache_bytes)));
         table.line("peak memory", self.peak_rss_bytes.map_or("not known".to_owned(), bytes));

@@ -2,7 +2,7 @@
 //!
 //! Rectangles are packed once, all known beforehand, and sorted by height, so that shelves of one height after the other are
 //! nearly full: next-fit by decreasing height. Libraries for atlases (`etagere`, `guillotiere`) are made for rectangles that
-//! come and go, and the former rounds heights up, which doubles small ones.
+//! come and go one by one.
 
 use super::haar_blocks::ATLAS;
 

@@ -68,7 +68,7 @@ struct OperatorHeader {
     per_row: usize,
     /// Width and height of the image that `haar-blocks` lays rows in.
     image: [usize; 2],
-    expected_error: f64,
+    expected_error: Option<f64>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]

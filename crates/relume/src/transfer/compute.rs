@@ -318,8 +318,8 @@ fn add(sums: &mut Vec<f64>, values: &[f64]) {
     sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
 }
 
-/// The relative error of all lights' images taken as one; zero without light.
-fn relative_error(energy: &[f64], lost: &[f64]) -> f64 {
+/// The relative error of all lights' images taken as one; `None` without light.
+fn relative_error(energy: &[f64], lost: &[f64]) -> Option<f64> {
     let energy: f64 = energy.iter().sum();
-    if energy > 0.0 { (lost.iter().sum::<f64>() / energy).sqrt() } else { 0.0 }
+    (energy > 0.0).then(|| (lost.iter().sum::<f64>() / energy).sqrt())
 }

@@ -64,7 +64,7 @@ fn difference(a: &[Vec3], b: &[Vec3]) -> f64 {
 fn operator() -> Operator {
     let (matrix, _) = HaarBlocks::encode(&rows(), layout());
     assert!(matrix.is_sound(ROWS, COUNT));
-    Operator::new(ROWS, Matrix::HaarBlocks(matrix), Vec::new().into(), 0.0)
+    Operator::new(ROWS, Matrix::HaarBlocks(matrix), Vec::new().into(), None)
 }
 
 fn apply(operator: &Operator, light: &Coefficients, epsilon: f32) -> (Vec<Vec3>, Work) {
@@ -79,7 +79,7 @@ fn blocks_do_what_rows_do() {
     let (matrix, lost) = HaarBlocks::encode(&rows, layout());
     let energy: f64 = rows.iter().flat_map(|rows| &rows.energies).sum();
     let expected = (lost / energy).sqrt();
-    let operator = Operator::new(ROWS, Matrix::HaarBlocks(matrix), Vec::new().into(), 0.0);
+    let operator = Operator::new(ROWS, Matrix::HaarBlocks(matrix), Vec::new().into(), None);
     let (out, work) = apply(&operator, &light, 0.0);
     let error = difference(&out, &product(&rows, &light));
     println!("off by {error:.5}, expected {expected:.5}, {work:?}");
@@ -88,7 +88,7 @@ fn blocks_do_what_rows_do() {
     let other = ImageLayout { places: (0..ROWS as u32).collect::<Vec<_>>().into(), ..layout() };
     let (elsewhere, _) = HaarBlocks::encode(&rows, other);
     let shifted = HaarBlocks { layout: layout(), ..elsewhere };
-    let shifted = Operator::new(ROWS, Matrix::HaarBlocks(shifted), Vec::new().into(), 0.0);
+    let shifted = Operator::new(ROWS, Matrix::HaarBlocks(shifted), Vec::new().into(), None);
     assert!(difference(&apply(&shifted, &light, 0.0).0, &out) > 0.1, "another layout must be noticed");
 }
 

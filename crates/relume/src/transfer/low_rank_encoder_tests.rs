@@ -228,7 +228,7 @@ fn what_does_not_fit_is_refused() {
 fn columns_are_as_strong_as_what_they_do() {
     let (encoded, _) = encoded(&prior(&lamps(0, LIGHTS as u32)), &ALL);
     let matrix = LowRank::from_blocks(&[encoded], COUNT);
-    let operator = Operator::new(ROWS, Matrix::LowRank(matrix), vec![1.0; COUNT].into(), 0.0);
+    let operator = Operator::new(ROWS, Matrix::LowRank(matrix), vec![1.0; COUNT].into(), None);
     let norms = operator.norms(COUNT);
     let (mut told, mut done) = (0.0, 0.0);
     for column in 0..COUNT {

@@ -12,6 +12,7 @@ mod cache;
 mod coefficients;
 mod compute;
 mod culling;
+mod effort;
 mod faint;
 mod form_factors;
 mod gemm;
@@ -34,6 +35,7 @@ mod prior;
 mod rectangles;
 mod rows;
 mod selection;
+mod settings;
 mod tiles;
 
 pub use bounces::BounceSeries;
@@ -41,13 +43,15 @@ pub use buffer::Buffer;
 pub use cache::FORMAT_VERSION;
 pub use coefficients::Coefficients;
 pub use culling::Work;
+pub use effort::Quality;
 pub use image_layout::ImageLayout;
 pub use multibounce::{CloudBounces, Multibounce};
 pub use occluders::Occluders;
 pub use operator::{Encoding, Matrix, Operator};
 pub use photons::PhotonSettings;
-pub use preparation::{Preparation, Quality, RowMethod, Settings};
+pub use preparation::Preparation;
 pub use selection::Selection;
+pub use settings::{RowMethod, Settings};
 
 use std::collections::BTreeSet;
 
@@ -103,12 +107,12 @@ pub struct Report {
     pub rays_per_pixel: f64,
     /// The same of the bounces, a gather sample; with photons, the rays on which these fly and those by which samples look around.
     pub rays_per_gather_sample: f64,
-    /// Expected relative error of the final gather's encoding alone.
-    pub gather_error: f64,
-    /// The same of the reflections along specular lobes.
+    /// Expected relative error of the final gather's encoding alone; `None` where no light tells it ([`Operator::expected_error`]).
+    pub gather_error: Option<f64>,
+    /// The same of the reflections along specular lobes; `None` also where there are none.
     pub glossy_error: Option<f64>,
     /// The same of the bounces' encoding.
-    pub bounce_error: f64,
+    pub bounce_error: Option<f64>,
 }
 
 /// How long a preparation took.

@@ -65,14 +65,19 @@ pub struct Operator {
     /// `D^-1`, one a coefficient; empty where the encoding uses no prior.
     pub weights: Buffer<f32>,
     /// Expected relative error of the encoding alone: of `low-rank` over lights like those it learned from, which were
-    /// held out; of the others that of the matrix.
-    pub expected_error: f64,
+    /// held out; of the others that of the matrix. `None` where none of these lights reaches a row, or the matrix is zero.
+    pub expected_error: Option<f64>,
     norms: OnceLock<Norms>,
 }
 
 impl Operator {
     /// An operator of these parts, which fit together.
-    pub(super) fn new(rows: usize, matrix: Matrix, weights: Buffer<f32>, expected_error: f64) -> Self {
+    pub(super) fn new(
+        rows: usize,
+        matrix: Matrix,
+        weights: Buffer<f32>,
+        expected_error: Option<f64>,
+    ) -> Self {
         Self { rows, matrix, weights, expected_error, norms: OnceLock::new() }
     }
 

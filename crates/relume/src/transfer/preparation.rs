@@ -6,167 +6,27 @@ use glam::{Vec2, Vec3};
 use xxhash_rust::xxh3::Xxh3;
 
 use super::compute::{self, Computed, Encoder, Haar, Plan, RowEstimator};
+use super::effort::{Effort, bounce_block, receiver_block};
 use super::form_factors::Patches;
 use super::low_rank::LowRankSettings;
 use super::paper_rows::{ClusterBounds, PaperRows};
-use super::photons::{PhotonSettings, PhotonSource};
+use super::photons::PhotonSource;
 use super::prior::LightPrior;
 use super::rows::{RowSettings, RowSource};
-use super::tiles::{Spread, TILE};
 use super::{
-    Buffer, Encoding, ImageLayout, Multibounce, Occluders, Operator, Report, Selection, Timings, Transfer,
-    blocks, prior,
+    Buffer, Encoding, ImageLayout, Multibounce, Occluders, Operator, Quality, Report, RowMethod, Selection,
+    Settings, Timings, Transfer, blocks, prior,
 };
+use crate::Result;
 use crate::progress::Progress;
-use crate::sample::{CellMap, CloudMethod, CloudSettings, GatherCloud, QUAD, Receivers, ViewSamples};
+use crate::sample::{CellMap, CloudSettings, GatherCloud, QUAD, Receivers, ViewSamples};
 use crate::scene::{Camera, Geometry, Scene};
 use crate::trace::Accel;
-use crate::{Error, Result};
 
-/// How much time and space to spend.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Quality {
-    /// For a first look.
-    Draft,
-    /// For lighting.
-    #[default]
-    Standard,
-    /// For the last picture: several times the time.
-    Final,
-}
-
-/// How rows of the final gather are estimated.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum RowMethod {
-    /// Hemisphere rays and form factors, balanced, with shared visibility; the default.
-    #[default]
-    Balanced,
-    /// The paper's cluster cut with clamped entries, for comparison.
-    Paper,
-}
-
-/// What a transfer is prepared with.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Settings {
-    /// Pixels: width and height, 1 to 16,384 each.
-    pub size: (usize, usize),
-    /// Index into the scene's cameras.
-    pub camera: usize,
-    /// Gather samples: a power of four. More resolve light finer, for proportionally more time.
-    pub gather: usize,
-    /// Where gather samples are dense.
-    pub cloud: CloudMethod,
-    /// Time and space to spend.
-    pub quality: Quality,
-    /// How operators are stored.
-    pub encoding: Encoding,
-    /// By what an encoding chooses the coefficients that it keeps; `None` stands for its own way ([`Encoding::selection`]).
-    pub selection: Option<Selection>,
-    /// How rows are estimated.
-    pub rows: RowMethod,
-    /// What the bounce operator holds, and how it is estimated.
-    pub multibounce: Multibounce,
-    /// Of [`Multibounce::Photon`].
-    pub photons: PhotonSettings,
-    /// Whether surfaces also show reflections of indirect light, along their specular lobes.
-    pub glossy: bool,
-    /// Coefficients a row of `haar-rows` and `haar-blocks`; the paper keeps 100.
-    pub coefficients: usize,
-    /// Of all random numbers.
-    pub seed: u32,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            size: (640, 480),
-            camera: 0,
-            gather: 65_536,
-            cloud: CloudMethod::Adaptive,
-            quality: Quality::Standard,
-            encoding: Encoding::LowRank,
-            selection: None,
-            rows: RowMethod::Balanced,
-            multibounce: Multibounce::default(),
-            photons: PhotonSettings::default(),
-            glossy: true,
-            coefficients: 100,
-            seed: 0,
-        }
-    }
-}
-
-impl Settings {
-    /// By what the encoding chooses coefficients.
-    pub fn selection(&self) -> Selection {
-        self.selection.unwrap_or_else(|| self.encoding.selection())
-    }
-}
-
-/// What [`Quality`] stands for.
-struct Effort {
-    gather_rows: RowSettings,
-    bounce_rows: RowSettings,
-    gather_encoding: LowRankSettings,
-    bounce_encoding: LowRankSettings,
-    training_lights: usize,
-}
-
-/// Gather samples that share a basis of the bounce operator: a 64th of the scene, within these bounds; powers of four.
-const BOUNCE_BLOCK: (usize, usize) = (64, 1024);
-/// Blocks of small images are one run of points, with few tiles to take the mean of: less counts as faint there, by this factor.
-const FAINT_ALONE: f32 = 0.4;
 /// Opening threshold of the paper's cluster cut, squared size over squared distance.
 const PAPER_THRESHOLD: f32 = 0.01;
 /// Coefficients a row of the paper's multi-bounce matrix, as a share of the final gather's: 40 of 100.
 const PAPER_BOUNCE_SHARE: f64 = 0.4;
-
-impl Quality {
-    fn effort(self) -> Effort {
-        let rows = |hemisphere_rays, tile_rays, faint, (tile, tent)| RowSettings {
-            hemisphere_rays,
-            tile_rays,
-            faint,
-            lobe_rays: hemisphere_rays,
-            spread: Spread { tile, tent },
-        };
-        let low_rank = |rank, kept, price| LowRankSettings { rank, kept, price };
-        match self {
-            Self::Draft => Effort {
-                gather_rows: rows(16, 512, 4e-3, (0.1, 0.25)),
-                bounce_rows: rows(16, 256, 1e-2, (0.4, 0.4)),
-                gather_encoding: low_rank(96, 3072, 6e-6),
-                bounce_encoding: low_rank(96, 3072, 6e-6),
-                training_lights: 128,
-            },
-            Self::Standard => Effort {
-                gather_rows: rows(64, 768, 2e-3, (0.04, 0.09)),
-                bounce_rows: rows(32, 512, 4e-3, (0.25, 0.4)),
-                gather_encoding: low_rank(256, 6144, 4.5e-7),
-                bounce_encoding: low_rank(256, 6144, 3e-6),
-                training_lights: 384,
-            },
-            Self::Final => Effort {
-                gather_rows: rows(128, 2048, 4e-4, (0.025, 0.06)),
-                bounce_rows: rows(64, 1024, 1e-3, (0.15, 0.3)),
-                gather_encoding: low_rank(512, 12_288, 1.5e-7),
-                bounce_encoding: low_rank(512, 12_288, 6e-7),
-                training_lights: 576,
-            },
-        }
-    }
-}
-
-/// Receivers that share a basis: fewer in small images, whose pixels lie farther apart and share less.
-fn receiver_block(pixels: usize) -> usize {
-    match pixels {
-        0..40_000 => 64,
-        40_000..160_000 => 256,
-        _ => 1024,
-    }
-}
 
 /// A preparation that is about to run: the scene and how to prepare it.
 #[derive(Clone, Debug)]
@@ -222,7 +82,7 @@ impl<'a> Preparation<'a> {
     /// # Errors
     /// [`Error::Setting`] for settings out of range and scenes with nothing to relight; [`Error::Cancelled`].
     pub fn run(self, progress: &dyn Progress) -> Result<Transfer> {
-        let camera = self.check()?.clone();
+        let camera = self.settings.check(self.scene)?.clone();
         let began = Instant::now();
         let stages = Stages::new(progress);
         let geometry = Geometry::new(self.scene);
@@ -254,7 +114,7 @@ impl<'a> Preparation<'a> {
             rays_per_pixel: gather.rays as f64 / lit,
             rays_per_gather_sample: bounce.rays as f64 / cloud.len() as f64,
             gather_error: gather.operator.expected_error,
-            glossy_error: gather.glossy.as_ref().map(|glossy| glossy.expected_error),
+            glossy_error: gather.glossy.as_ref().and_then(|glossy| glossy.expected_error),
             bounce_error: bounce.operator.expected_error,
         };
         let occluders = Occluders::new(&geometry, accel.masks());
@@ -270,29 +130,6 @@ impl<'a> Preparation<'a> {
             rows_of_centers: rows(&receivers.of_centers),
             rows_of_quads: rows(&receivers.of_quads),
             occluders,
-        })
-    }
-
-    fn check(&self) -> Result<&'a Camera> {
-        let (width, height) = self.settings.size;
-        if !(1..=16_384).contains(&width) || !(1..=16_384).contains(&height) {
-            return Err(Error::Setting(format!(
-                "an image of {width}x{height}: each side must be 1 to 16384 pixels"
-            )));
-        }
-        if !(1..=4096).contains(&self.settings.coefficients) {
-            return Err(Error::Setting(format!(
-                "{} coefficients a row: must be 1 to 4096",
-                self.settings.coefficients
-            )));
-        }
-        self.settings.photons.check()?;
-        self.scene.cameras.get(self.settings.camera).ok_or_else(|| {
-            Error::Setting(format!(
-                "no camera {}: the scene has {}, numbered from 0",
-                self.settings.camera,
-                self.scene.cameras.len()
-            ))
         })
     }
 }
@@ -381,77 +218,22 @@ impl Shot<'_> {
         map: &CellMap,
         progress: &dyn Progress,
     ) -> Result<(Computed, Computed, Vec<u32>)> {
-        let effort = self.settings.quality.effort();
-        let seed = self.settings.seed;
-        let patches = Patches::new(cloud, map);
-        let bounds = ClusterBounds::new(cloud);
-        let estimator = |settings| match self.settings.rows {
-            RowMethod::Balanced => RowEstimator::Balanced(RowSource {
-                accel: self.accel,
-                geometry: self.geometry,
-                map,
-                patches: &patches,
-                settings,
-            }),
-            RowMethod::Paper => RowEstimator::Paper(PaperRows {
-                accel: self.accel,
-                cloud,
-                bounds: &bounds,
-                threshold: PAPER_THRESHOLD,
-            }),
+        let rows = Rows {
+            shot: self,
+            cloud,
+            map,
+            patches: &Patches::new(cloud, map),
+            bounds: &ClusterBounds::new(cloud),
+            effort: self.settings.quality.effort(),
         };
-        let count = patches.len();
-        let lights = self.training_light(cloud, effort.training_lights, progress)?;
-        let bounce = {
-            let prior = self.prior(cloud, &lights, None, progress)?;
-            let share = (self.settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
-            let length = (count / 64).clamp(BOUNCE_BLOCK.0, BOUNCE_BLOCK.1);
-            let store =
-                Store::new(self.settings, effort.bounce_encoding.of_blocks(length), prior, share, count);
-            let rows = blocks::of_cloud(cloud, length, seed);
-            let layout = ImageLayout::of_cloud(count);
-            let encoder = store.encoder(&layout);
-            let compute = |estimator| {
-                progress.stage("bounces", rows.points.len() as u64);
-                compute::compute(Plan { estimator, encoder, glossy: false, count }, &rows, progress)
-            };
-            match self.settings.multibounce {
-                Multibounce::Iterated => compute(estimator(effort.bounce_rows))?,
-                Multibounce::Photon => {
-                    let source = self.photons(cloud, map);
-                    let photons = source.shoot(progress)?;
-                    let computed = compute(RowEstimator::Photons(&photons))?;
-                    Computed { rays: computed.rays + photons.rays(), ..computed }
-                }
-            }
-        };
+        let lights = self.training_light(cloud, rows.effort.training_lights, progress)?;
+        let prior = self.prior(cloud, &lights, None, progress)?;
+        let bounce = rows.bounces(prior, progress)?;
         let times = self.settings.multibounce.times_to_learn();
         let prior = self.prior(cloud, &lights, Some((&bounce.operator, times)), progress)?;
         drop(lights);
-        let (width, height) = self.settings.size;
-        let length = receiver_block(width * height);
-        let encoding = effort.gather_encoding.of_blocks(length);
-        let store = Store::new(self.settings, encoding, prior, self.settings.coefficients, count);
-        let rows = blocks::of_receivers(&receivers.points, length, seed, progress)?;
-        let layout = ImageLayout::of_receivers(width, receivers, &rows.owners);
-        let mut gather_rows = effort.gather_rows;
-        if length <= TILE {
-            gather_rows.faint *= FAINT_ALONE;
-        }
-        progress.stage("final gather", rows.points.len() as u64);
-        let plan = Plan {
-            estimator: estimator(gather_rows),
-            encoder: store.encoder(&layout),
-            glossy: self.settings.glossy,
-            count,
-        };
-        let gather = compute::compute(plan, &rows, progress)?;
-        Ok((gather, bounce, rows.owners))
-    }
-
-    fn photons<'a>(&'a self, cloud: &'a GatherCloud, map: &'a CellMap) -> PhotonSource<'a> {
-        let Settings { photons: settings, seed, .. } = *self.settings;
-        PhotonSource { accel: self.accel, geometry: self.geometry, map, cloud, settings, seed }
+        let (gather, owners) = rows.final_gather(receivers, prior, progress)?;
+        Ok((gather, bounce, owners))
     }
 
     /// Whether something is learned from random lights: what light is likely, or at least, which of it goes together.
@@ -485,6 +267,91 @@ impl Shot<'_> {
         }
         progress.stage("light prior", lights.len() as u64);
         LightPrior::new(cloud, lights, self.settings.selection(), bounce, progress).map(Some)
+    }
+}
+
+/// What rows are made of.
+struct Rows<'a> {
+    shot: &'a Shot<'a>,
+    cloud: &'a GatherCloud,
+    map: &'a CellMap,
+    patches: &'a Patches,
+    bounds: &'a ClusterBounds,
+    effort: Effort,
+}
+
+impl Rows<'_> {
+    fn estimator(&self, settings: RowSettings) -> RowEstimator<'_> {
+        let Shot { accel, geometry, .. } = *self.shot;
+        match self.shot.settings.rows {
+            RowMethod::Balanced => RowEstimator::Balanced(RowSource {
+                accel,
+                geometry,
+                map: self.map,
+                patches: self.patches,
+                settings,
+            }),
+            RowMethod::Paper => RowEstimator::Paper(PaperRows {
+                accel,
+                cloud: self.cloud,
+                bounds: self.bounds,
+                threshold: PAPER_THRESHOLD,
+            }),
+        }
+    }
+
+    fn bounces(&self, prior: Option<LightPrior>, progress: &dyn Progress) -> Result<Computed> {
+        let (settings, count) = (self.shot.settings, self.patches.len());
+        let per_row = (settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
+        let length = bounce_block(count);
+        let store =
+            Store::new(settings, self.effort.bounce_encoding.of_blocks(length), prior, per_row, count);
+        let rows = blocks::of_cloud(self.cloud, length, settings.seed);
+        let layout = ImageLayout::of_cloud(count);
+        let compute = |estimator| {
+            progress.stage("bounces", rows.points.len() as u64);
+            let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: false, count };
+            compute::compute(plan, &rows, progress)
+        };
+        match settings.multibounce {
+            Multibounce::Iterated => compute(self.estimator(self.effort.bounce_rows)),
+            Multibounce::Photon => {
+                let source = self.photons();
+                let photons = source.shoot(progress)?;
+                let computed = compute(RowEstimator::Photons(&photons))?;
+                Ok(Computed { rays: computed.rays + photons.rays(), ..computed })
+            }
+        }
+    }
+
+    fn photons(&self) -> PhotonSource<'_> {
+        let Shot { accel, geometry, .. } = *self.shot;
+        let Settings { photons: settings, seed, .. } = *self.shot.settings;
+        PhotonSource { accel, geometry, map: self.map, cloud: self.cloud, settings, seed }
+    }
+
+    /// Also returns the receivers to which the rows belong.
+    fn final_gather(
+        &self,
+        receivers: &Receivers,
+        prior: Option<LightPrior>,
+        progress: &dyn Progress,
+    ) -> Result<(Computed, Vec<u32>)> {
+        let (settings, count) = (self.shot.settings, self.patches.len());
+        let (width, height) = settings.size;
+        let length = receiver_block(width * height);
+        let encoding = self.effort.gather_encoding.of_blocks(length);
+        let store = Store::new(settings, encoding, prior, settings.coefficients, count);
+        let rows = blocks::of_receivers(&receivers.points, length, settings.seed, progress)?;
+        let layout = ImageLayout::of_receivers(width, receivers, &rows.owners);
+        progress.stage("final gather", rows.points.len() as u64);
+        let plan = Plan {
+            estimator: self.estimator(self.effort.gather_rows_of(length)),
+            encoder: store.encoder(&layout),
+            glossy: settings.glossy,
+            count,
+        };
+        Ok((compute::compute(plan, &rows, progress)?, rows.owners))
     }
 }
 

@@ -1,0 +1,103 @@
+//! What a transfer is prepared with.
+
+use super::photons::PhotonSettings;
+use super::{Encoding, Multibounce, Quality, Selection};
+use crate::sample::CloudMethod;
+use crate::scene::{Camera, Scene};
+use crate::{Error, Result};
+
+/// How rows of the final gather are estimated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RowMethod {
+    /// Hemisphere rays and form factors, balanced, with shared visibility; the default.
+    #[default]
+    Balanced,
+    /// The paper's cluster cut with clamped entries, for comparison.
+    Paper,
+}
+
+/// What a transfer is prepared with.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Settings {
+    /// Pixels: width and height, 1 to 16,384 each.
+    pub size: (usize, usize),
+    /// Index into the scene's cameras.
+    pub camera: usize,
+    /// Gather samples: a power of four. More resolve light finer, for proportionally more time.
+    pub gather: usize,
+    /// Where gather samples are dense.
+    pub cloud: CloudMethod,
+    /// Time and space to spend.
+    pub quality: Quality,
+    /// How operators are stored.
+    pub encoding: Encoding,
+    /// By what an encoding chooses the coefficients that it keeps; `None` stands for its own way ([`Encoding::selection`]).
+    pub selection: Option<Selection>,
+    /// How rows are estimated.
+    pub rows: RowMethod,
+    /// What the bounce operator holds, and how it is estimated.
+    pub multibounce: Multibounce,
+    /// Of [`Multibounce::Photon`].
+    pub photons: PhotonSettings,
+    /// Whether surfaces also show reflections of indirect light, along their specular lobes.
+    pub glossy: bool,
+    /// Coefficients a row of `haar-rows` and `haar-blocks`; the paper keeps 100.
+    pub coefficients: usize,
+    /// Of all random numbers.
+    pub seed: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            size: (640, 480),
+            camera: 0,
+            gather: 65_536,
+            cloud: CloudMethod::Adaptive,
+            quality: Quality::Standard,
+            encoding: Encoding::LowRank,
+            selection: None,
+            rows: RowMethod::Balanced,
+            multibounce: Multibounce::default(),
+            photons: PhotonSettings::default(),
+            glossy: true,
+            coefficients: 100,
+            seed: 0,
+        }
+    }
+}
+
+impl Settings {
+    /// By what the encoding chooses coefficients.
+    pub fn selection(&self) -> Selection {
+        self.selection.unwrap_or_else(|| self.encoding.selection())
+    }
+
+    /// The camera, if all settings are within their ranges.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] otherwise.
+    pub(super) fn check<'a>(&self, scene: &'a Scene) -> Result<&'a Camera> {
+        let (width, height) = self.size;
+        if !(1..=16_384).contains(&width) || !(1..=16_384).contains(&height) {
+            return Err(Error::Setting(format!(
+                "an image of {width}x{height}: each side must be 1 to 16384 pixels"
+            )));
+        }
+        if !(1..=4096).contains(&self.coefficients) {
+            return Err(Error::Setting(format!(
+                "{} coefficients a row: must be 1 to 4096",
+                self.coefficients
+            )));
+        }
+        self.photons.check()?;
+        scene.cameras.get(self.camera).ok_or_else(|| {
+            Error::Setting(format!(
+                "no camera {}: the scene has {}, numbered from 0",
+                self.camera,
+                scene.cameras.len()
+            ))
+        })
+    }
+}

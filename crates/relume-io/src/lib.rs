@@ -1,10 +1,12 @@
 //! Files for Relume: glTF and OBJ in, EXR and PNG out, light rigs.
 
-pub mod exr_file;
+mod environment_file;
+mod exr_file;
 mod image_file;
 pub mod png_file;
 pub mod rig;
 
+pub use environment_file::read_environment;
 pub use exr_file::{Attribute, ExrImage, ExrMeta, Precision, read_exr, write_exr, write_exr_image};
 pub use image_file::read_image;
 pub use png_file::{read_png, write_png};

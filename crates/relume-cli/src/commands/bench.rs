@@ -156,7 +156,7 @@ fn moving_light(rig: &LightRig, wanted: Option<&str>, path: &Path) -> Result<usi
             Error::file(path, format!("no enabled light is called `{wanted}`; there is {}", names.join(", ")))
         });
     }
-    place(&|light| !matches!(light.kind, LightKind::Distant { .. }))
+    place(&|light| !matches!(light.kind, LightKind::Distant { .. } | LightKind::Dome { .. }))
         .or_else(|| place(&|_| true))
         .ok_or_else(|| Error::file(path, "has no enabled light that could move; enable one"))
 }
@@ -176,13 +176,14 @@ fn moved(light: &Light, turn: f32, radius: f32) -> Light {
             let (a, b) = direction.normalize_or(Vec3::NEG_Y).any_orthonormal_pair();
             *direction += direction.length() * TURN * ((cos - 1.0) * a + sin * b);
         }
+        LightKind::Dome { rotation, .. } => *rotation += 360.0 * turn,
     }
     light
 }
 
 /// Across the box round the cloud, metres.
 fn diagonal(transfer: &Transfer) -> f32 {
-    let positions = || transfer.cloud.samples.iter().map(|sample| sample.position);
+    let positions = || transfer.cloud.surfaces().iter().map(|sample| sample.position);
     let low = positions().fold(Vec3::splat(f32::INFINITY), Vec3::min);
     let high = positions().fold(Vec3::splat(f32::NEG_INFINITY), Vec3::max);
     low.distance(high)

@@ -154,6 +154,7 @@ impl<'a> LightContents<'a> {
             LightKind::Omni { .. } => "omni",
             LightKind::Spot { .. } => "spot",
             LightKind::Distant { .. } => "distant",
+            LightKind::Dome { .. } => "dome",
         };
         Self { name: &light.name, r#type: kind }
     }

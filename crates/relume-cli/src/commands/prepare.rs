@@ -63,6 +63,9 @@ pub(crate) struct Arguments {
     /// Leave out reflections: indirect light is then diffuse. Faster and smaller.
     #[arg(long)]
     no_glossy: bool,
+    /// Leave out the sky: all gather samples are then of surfaces, and dome lights cannot be used.
+    #[arg(long)]
+    no_sky: bool,
     /// Seed of all random numbers.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u32,
@@ -285,6 +288,7 @@ impl Arguments {
             },
             photons,
             glossy: !self.no_glossy,
+            sky: !self.no_sky,
             coefficients: usize::from(self.coefficients),
             seed: self.seed,
         }

@@ -41,6 +41,15 @@ pub(super) fn light_faults(light: &Light) -> Vec<Fault> {
                 faults.add("direction", message.to_owned());
             }
         }
+        LightKind::Dome { map: _, intensity, rotation } => {
+            faults.color("intensity", intensity);
+            if !rotation.is_finite() {
+                faults.add(
+                    "rotation",
+                    format!("`rotation` must be a finite number of degrees, not {rotation}"),
+                );
+            }
+        }
     }
     faults.0
 }

@@ -6,6 +6,7 @@ pub(super) enum LightType {
     Omni,
     Spot,
     Distant,
+    Dome,
 }
 
 /// A table that gives a colour to the scene's materials of one name: its own name, with its article, and its keys with examples.
@@ -35,7 +36,7 @@ pub(super) struct Key {
     pub(super) name: &'static str,
     /// For the message that asks for it.
     pub(super) example: &'static str,
-    /// A number that may be left out, and what it is then.
+    /// A number, or three, that may be left out, and what they are then.
     pub(super) default: Option<f32>,
 }
 
@@ -46,6 +47,9 @@ const fn key(name: &'static str, example: &'static str) -> Key {
 const fn optional(name: &'static str, example: &'static str) -> Key {
     Key { name, example, default: Some(0.0) }
 }
+
+/// The key of a dome's map, which may be left out.
+pub(super) const MAP: &str = "map";
 
 const NAME: Key = key("name", "\"key\"");
 const TYPE: Key = key("type", "\"spot\"");
@@ -74,15 +78,26 @@ const DISTANT: &[Key] = &[
     key("irradiance", "[3.0, 2.8, 2.5] (W/m^2)"),
     optional("angle", "0.53 (degrees)"),
 ];
+const DOME: &[Key] = &[
+    NAME,
+    TYPE,
+    ENABLED,
+    key(MAP, "\"sky.hdr\" (.hdr or .exr, beside the rig)"),
+    Key { name: "intensity", example: "[1.0, 1.0, 1.0] (times the map, or W/(sr m^2))", default: Some(1.0) },
+    optional("rotation", "90.0 (degrees about +Y)"),
+];
 
 impl LightType {
-    pub(super) const ALL: [Self; 3] = [Self::Omni, Self::Spot, Self::Distant];
+    pub(super) const ALL: [Self; 4] = [Self::Omni, Self::Spot, Self::Distant, Self::Dome];
+    /// For messages.
+    pub(super) const CHOICE: &str = "\"omni\", \"spot\", \"distant\" or \"dome\"";
 
     pub(super) fn of(kind: &LightKind) -> Self {
         match kind {
             LightKind::Omni { .. } => Self::Omni,
             LightKind::Spot { .. } => Self::Spot,
             LightKind::Distant { .. } => Self::Distant,
+            LightKind::Dome { .. } => Self::Dome,
         }
     }
 
@@ -91,6 +106,7 @@ impl LightType {
             Self::Omni => "omni",
             Self::Spot => "spot",
             Self::Distant => "distant",
+            Self::Dome => "dome",
         }
     }
 
@@ -99,6 +115,7 @@ impl LightType {
             Self::Omni => OMNI,
             Self::Spot => SPOT,
             Self::Distant => DISTANT,
+            Self::Dome => DOME,
         }
     }
 
@@ -125,6 +142,7 @@ pub(super) fn synonym(written: &str) -> Option<LightType> {
         "point" | "sphere" | "bulb" => Some(LightType::Omni),
         "cone" | "spotlight" => Some(LightType::Spot),
         "directional" | "sun" | "parallel" => Some(LightType::Distant),
+        "sky" | "environment" | "hdri" | "skydome" => Some(LightType::Dome),
         _ => None,
     }
 }

@@ -4,7 +4,7 @@
 //! exposure = 0.0                      # stops; display images only
 //! [[light]]
 //! name = "key"
-//! type = "spot"                       # omni | spot | distant
+//! type = "spot"                       # omni | spot | distant | dome
 //! position = [1.0, 4.0, 0.5]          # metres, world space
 //! target = [0.0, 0.0, 0.0]
 //! intensity = [60.0, 55.0, 50.0]      # W/sr, linear RGB
@@ -23,6 +23,12 @@
 //! direction = [0.3, -1.0, 0.2]        # the way the light travels
 //! irradiance = [3.0, 2.8, 2.5]        # W/m^2 at normal incidence, linear RGB
 //! angle = 0.53                        # optional: diameter, degrees
+//! [[light]]
+//! name = "sky"
+//! type = "dome"
+//! map = "sky.hdr"                     # optional: equirectangular, .hdr or .exr, beside the rig; without it the same radiance everywhere
+//! intensity = [1.0, 1.0, 1.0]         # optional: times the map, or W/(sr m^2); linear RGB
+//! rotation = 0.0                      # optional: degrees about +Y
 //! [[emitter]]                         # emissive materials that shine otherwise than in the scene
 //! material = "lamp"                   # its name in the scene
 //! scale = [0.5, 0.4, 0.3]             # times what it emits there, linear RGB
@@ -70,12 +76,13 @@ pub fn load_rig(path: impl AsRef<Path>) -> Result<LightRig> {
     parse_rig(&text, path)
 }
 
-/// Reads a rig from the text of a TOML file; `path` is named in errors.
+/// Reads a rig from the text of a TOML file; `path` is named in errors, and maps of domes are looked for in its folder.
 ///
 /// # Errors
 /// [`Error::File`] with the first line at fault, what is wrong there and the mend.
 pub fn parse_rig(text: &str, path: impl AsRef<Path>) -> Result<LightRig> {
-    parse::parse(text).map_err(|problem| {
+    let folder = path.as_ref().parent().unwrap_or(Path::new(""));
+    parse::parse(text, folder).map_err(|problem| {
         // A rig may end in an unfinished line, and a missing key is told at its table's header.
         let line = line_of(text, problem.offset);
         Error::file(path, format!("line {line}: {}", problem.message))

@@ -1,11 +1,16 @@
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
 use relume::glam::Vec3;
-use relume::scene::NamedList;
+use relume::scene::{EnvironmentMap, NamedList};
 use relume::{Emitter, Light, LightKind, LightRig, MaterialEdit};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::check::{Fault, edit_faults, emitter_faults, exposure_fault, light_faults, repeated_names};
-use super::keys::{EMITTER, LightType, MATERIAL, NamedTable, near_miss, synonym};
+use super::keys::{EMITTER, LightType, MAP, MATERIAL, NamedTable, near_miss, synonym};
+use crate::read_environment;
 
 /// What is wrong, and the byte it is wrong at.
 pub(super) struct Problem {
@@ -13,13 +18,13 @@ pub(super) struct Problem {
     pub(super) message: String,
 }
 
-/// Reads the whole rig and reports the problem that comes first in the text.
-pub(super) fn parse(text: &str) -> Result<LightRig, Problem> {
+/// Reads the whole rig and reports the problem that comes first in the text. Maps are looked for in `folder`.
+pub(super) fn parse(text: &str, folder: &Path) -> Result<LightRig, Problem> {
     let document = DeTable::parse(text).map_err(|error| Problem {
         offset: error.span().map_or(0, |span| span.start),
         message: format!("not valid TOML: {}", error.message()),
     })?;
-    let mut reader = Reader { problems: Vec::new() };
+    let mut reader = Reader { problems: Vec::new(), folder, maps: HashMap::new() };
     let rig = reader.rig(document.get_ref());
     match reader.problems.into_iter().min_by_key(|problem| problem.offset) {
         Some(first) => Err(first),
@@ -39,8 +44,11 @@ pub(super) fn name_offset(text: &str, list: NamedList, index: usize) -> Option<u
     Some(Table { keys: item.get_ref().as_table()?, offset: item.span().start }.offset_of(name))
 }
 
-struct Reader {
+struct Reader<'a> {
     problems: Vec<Problem>,
+    folder: &'a Path,
+    /// Those that were read, by the names that the rig has for them.
+    maps: HashMap<String, Arc<EnvironmentMap>>,
 }
 
 /// One table of a list, and where it begins.
@@ -61,7 +69,7 @@ impl<'t, 'i> Table<'t, 'i> {
     }
 }
 
-impl Reader {
+impl Reader<'_> {
     fn problem(&mut self, offset: usize, message: String) {
         self.problems.push(Problem { offset, message });
     }
@@ -277,6 +285,36 @@ impl Reader {
                 let angle = self.number(table, light_type, "angle");
                 Some(LightKind::Distant { direction: direction?, irradiance: irradiance?, angle: angle? })
             }
+            LightType::Dome => {
+                let intensity = triple("intensity");
+                let rotation = self.number(table, light_type, "rotation");
+                let map = match table.find(MAP) {
+                    Some((offset, value)) => self.map(offset, value.get_ref()).map(Some),
+                    None => Some(None),
+                };
+                Some(LightKind::Dome { map: map?, intensity: intensity?, rotation: rotation? })
+            }
+        }
+    }
+
+    /// The map of a dome; `None` where it cannot be read, which is noted.
+    fn map(&mut self, offset: usize, value: &DeValue<'_>) -> Option<Arc<EnvironmentMap>> {
+        let DeValue::String(name) = value else {
+            return self.wrong_type(offset, MAP, "the name of an .hdr or .exr file in quotes", value);
+        };
+        if let Some(map) = self.maps.get(name.as_ref()) {
+            return Some(Arc::clone(map));
+        }
+        match read_environment(self.folder.join(name.as_ref()), name) {
+            Ok(map) => {
+                let map = Arc::new(map);
+                self.maps.insert(name.clone().into_owned(), Arc::clone(&map));
+                Some(map)
+            }
+            Err(error) => {
+                self.problem(offset, format!("`map`: {error}"));
+                None
+            }
         }
     }
 
@@ -289,21 +327,21 @@ impl Reader {
                     self.problem(key.span().start, message);
                 }
                 None => {
-                    let message = "this light has no `type`; add type = \"omni\", \"spot\" or \"distant\"";
-                    self.problem(table.offset, message.to_owned());
+                    let message = format!("this light has no `type`; add type = {}", LightType::CHOICE);
+                    self.problem(table.offset, message);
                 }
             }
             return None;
         };
         let DeValue::String(written) = value.get_ref() else {
-            return self.wrong_type(offset, "type", "\"omni\", \"spot\" or \"distant\"", value.get_ref());
+            return self.wrong_type(offset, "type", LightType::CHOICE, value.get_ref());
         };
         let found = LightType::ALL.into_iter().find(|light_type| light_type.name() == written);
         if found.is_none() {
             let near = near_miss(written, LightType::ALL.map(LightType::name));
             let mend = match near.or_else(|| synonym(written).map(LightType::name)) {
                 Some(near) => format!("did you mean \"{near}\"?"),
-                None => "use \"omni\", \"spot\" or \"distant\"".to_owned(),
+                None => format!("use {}", LightType::CHOICE),
             };
             self.problem(offset, format!("unknown type \"{written}\"; {mend}"));
         }
@@ -365,7 +403,8 @@ impl Reader {
 
     fn triple(&mut self, table: &Table<'_, '_>, light_type: LightType, key: &'static str) -> Option<Vec3> {
         let Some((offset, value)) = table.find(key) else {
-            return self.missing(table, light_type, key);
+            let default = light_type.key(key).and_then(|key| key.default);
+            return default.map(Vec3::splat).or_else(|| self.missing(table, light_type, key));
         };
         three_numbers(value.get_ref()).or_else(|| {
             let example = light_type.key(key).map_or("[1.0, 1.0, 1.0]", |key| key.example);

@@ -1,7 +1,7 @@
 use relume::glam::Vec3;
 use relume::{Light, LightKind, LightRig};
 
-use super::keys::LightType;
+use super::keys::{LightType, MAP};
 
 /// `rig` as TOML text that [`super::parse_rig`] reads back bit for bit, as long as the rig is usable at all
 /// ([`super::save_rig`] checks this).
@@ -30,24 +30,31 @@ fn light_table(text: &mut String, light: &Light) {
     text.push_str("\n[[light]]\n");
     line(text, "name", &toml::Value::from(light.name.as_str()).to_string());
     line(text, "type", &format!("\"{}\"", LightType::of(&light.kind).name()));
-    match light.kind {
+    match &light.kind {
         LightKind::Omni { position, intensity, radius } => {
-            line(text, "position", &triple(position));
-            line(text, "intensity", &triple(intensity));
-            line(text, "radius", &number(radius));
+            line(text, "position", &triple(*position));
+            line(text, "intensity", &triple(*intensity));
+            line(text, "radius", &number(*radius));
         }
         LightKind::Spot { position, target, intensity, inner_angle, outer_angle, radius } => {
-            line(text, "position", &triple(position));
-            line(text, "target", &triple(target));
-            line(text, "intensity", &triple(intensity));
-            line(text, "inner_angle", &number(inner_angle));
-            line(text, "outer_angle", &number(outer_angle));
-            line(text, "radius", &number(radius));
+            line(text, "position", &triple(*position));
+            line(text, "target", &triple(*target));
+            line(text, "intensity", &triple(*intensity));
+            line(text, "inner_angle", &number(*inner_angle));
+            line(text, "outer_angle", &number(*outer_angle));
+            line(text, "radius", &number(*radius));
         }
         LightKind::Distant { direction, irradiance, angle } => {
-            line(text, "direction", &triple(direction));
-            line(text, "irradiance", &triple(irradiance));
-            line(text, "angle", &number(angle));
+            line(text, "direction", &triple(*direction));
+            line(text, "irradiance", &triple(*irradiance));
+            line(text, "angle", &number(*angle));
+        }
+        LightKind::Dome { map, intensity, rotation } => {
+            if let Some(map) = map {
+                line(text, MAP, &toml::Value::from(map.name()).to_string());
+            }
+            line(text, "intensity", &triple(*intensity));
+            line(text, "rotation", &number(*rotation));
         }
     }
     line(text, "enabled", if light.enabled { "true" } else { "false" });

@@ -2,11 +2,12 @@
 //! relighter, and nothing else.
 //!
 //! Paths start at the camera. Each vertex is lit by every light and by the emissive triangles (next-event
-//! estimation); emissive triangles are found by scattered rays too, and the two are weighed against each other by
-//! multiple importance sampling (Veach 1997, ch. 9). Analytic lights are invisible to all rays but shadow rays.
+//! estimation); emissive triangles and domes are found by scattered rays too, and the two are weighed against each other by
+//! multiple importance sampling (Veach 1997, ch. 9). Other lights are invisible to all rays but shadow rays, and no light shows itself to the
+//! camera.
 //! Nothing is clamped, so the mean is unbiased and the noise honest.
 //!
-//! *Bounce 0*, the direct layer, is what surfaces emit towards the camera and light that goes from a light or an
+//! *Bounce 0*, the direct layer, is what surfaces emit towards the camera and light that goes from a light, a dome or an
 //! emissive triangle to the camera's first surface. Bounce `k` has met `k` more surfaces on its way.
 
 mod emitters;
@@ -140,6 +141,11 @@ impl World<'_> {
             Some(base_color) => surface.with_base_color(base_color),
             None => surface,
         }
+    }
+
+    /// Whether scattered rays may find light: paths go on for it.
+    fn shines_by_itself(&self) -> bool {
+        !self.emitters.is_empty() || self.lights.iter().any(|light| light.dome().is_some())
     }
 
     /// Radiance that a surface emits under the rig, W/(sr m^2).

@@ -11,7 +11,7 @@ use super::film::{Film, Share, TileSums};
 use super::response::Response;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::shade::{Bsdf, LightSample, Surface, shadow_ray};
+use crate::shade::{Bsdf, Dome, LightSample, Surface, shadow_ray};
 use crate::trace::sampling::{hash, sobol_2d};
 use crate::trace::{Hit, Ray, offset_origin};
 
@@ -227,7 +227,7 @@ impl<'a> Tile<'a> {
     fn trace_wave(&mut self, half: u32, samples: Range<u32>) {
         let mut paths = Vec::with_capacity(WAVE);
         let mut rays = Vec::with_capacity(WAVE);
-        let needs_path = self.world.settings.counts(1) || !self.world.emitters.is_empty();
+        let needs_path = self.world.settings.counts(1) || self.world.shines_by_itself();
         for i in 0..self.primaries.len() {
             let seed = hash(self.primaries[i].seed, half);
             for sample in samples.clone() {
@@ -263,11 +263,19 @@ impl<'a> Tile<'a> {
         let share = Share { half: Some(half), bounce: 0, light: None };
         for (light, prepared) in world.lights.iter().enumerate().filter(|(_, light)| light.needs_samples()) {
             let place = sequence.light_place(0, light as u32);
-            if let Some(sample) = prepared.sample(surface.position, place) {
-                let value = self.primaries[index].direct.evaluate(sample.direction) * sample.irradiance;
+            let primary = &self.primaries[index];
+            let lit = match prepared.dome() {
+                // as light of other surfaces, which scattered rays find
+                Some(dome) => dome_sample(dome, &primary.indirect, place)
+                    .map(|(sample, weight)| (sample, primary.indirect.evaluate(sample.direction) * weight)),
+                None => prepared
+                    .sample(surface.position, place)
+                    .map(|sample| (sample, primary.direct.evaluate(sample.direction))),
+            };
+            if let Some((sample, value)) = lit {
                 let share = Share { light: Some(light as u32), ..share };
                 let ray = shadow_ray(surface.position, surface.geometric_normal, &sample);
-                self.ask(ray, Shadow { pixel, share, light: value, paths: 1 });
+                self.ask(ray, Shadow { pixel, share, light: value * sample.irradiance, paths: 1 });
             }
         }
         let emitter = emitter_candidate(world, &surface, &self.primaries[index].indirect, sequence, 0);
@@ -281,11 +289,12 @@ impl<'a> Tile<'a> {
     fn advance(&mut self, vertex: u32, paths: &mut Vec<Path>, rays: &mut Vec<Ray>, hits: &[Hit]) {
         let world = self.world;
         let settings = world.settings;
-        let goes_on = settings.counts(vertex + 1) || !world.emitters.is_empty();
+        let goes_on = settings.counts(vertex + 1) || world.shines_by_itself();
         let mut kept = 0;
         for i in 0..paths.len() {
             let (path, ray, hit) = (paths[i], rays[i], &hits[i]);
             if !hit.is_hit() {
+                self.add_domes(&path, ray.direction, vertex - 1);
                 continue;
             }
             let surface = world.surface_at(hit, ray.direction);
@@ -317,6 +326,16 @@ impl<'a> Tile<'a> {
         self.sums.add(path.pixel, Share { half: Some(path.half), bounce, light: None }, light, 1);
     }
 
+    /// What domes show to a scattered ray that met nothing, weighed against its being drawn from them.
+    fn add_domes(&mut self, path: &Path, direction: Vec3, bounce: u32) {
+        for (light, prepared) in self.world.lights.iter().enumerate() {
+            let Some(dome) = prepared.dome() else { continue };
+            let weight = power_heuristic(path.density, dome.density(direction));
+            let share = Share { half: Some(path.half), bounce, light: Some(light as u32) };
+            self.sums.add(path.pixel, share, path.throughput * dome.radiance(direction) * weight, 1);
+        }
+    }
+
     /// Light that arrives at a vertex. One light or emitter is drawn in proportion to what it would add without
     /// shadow, so that many lights cost one shadow ray.
     fn light_vertex(&mut self, path: &Path, surface: &Surface, response: &Response, vertex: u32) {
@@ -328,7 +347,12 @@ impl<'a> Tile<'a> {
             } else {
                 Vec2::ZERO
             };
-            if let Some(sample) = prepared.sample(surface.position, place) {
+            if let Some(dome) = prepared.dome() {
+                if let Some((sample, weight)) = dome_sample(dome, response, place) {
+                    let sample = LightSample { irradiance: sample.irradiance * weight, ..sample };
+                    self.add_candidate(light as u32, surface, response, &sample);
+                }
+            } else if let Some(sample) = prepared.sample(surface.position, place) {
                 self.add_candidate(light as u32, surface, response, &sample);
             }
         }
@@ -408,6 +432,12 @@ impl Path {
         let origin = offset_origin(surface.position, surface.geometric_normal);
         Some((self, Ray::new(origin, drawn.direction)))
     }
+}
+
+/// Light from a direction drawn from a dome, and its weight against a scattered ray's finding it.
+fn dome_sample(dome: &Dome, response: &Response, place: Vec2) -> Option<(LightSample, f32)> {
+    let (sample, density) = dome.sample(place)?;
+    Some((sample, power_heuristic(density, response.density(sample.direction))))
 }
 
 /// Light from a point drawn from the emitters, weighed against a scattered ray's finding it.

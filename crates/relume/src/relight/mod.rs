@@ -15,8 +15,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::image::{Image, Layers, LightLayers};
-use crate::sample::{edge_pixels, illuminate};
-use crate::scene::{Light, LightRig};
+use crate::sample::{edge_pixels, illuminate, illuminate_sky};
+use crate::scene::{Light, LightKind, LightRig};
+use crate::shade::Dome;
 use crate::trace::Accel;
 use crate::transfer::{CloudBounces, Operator, Transfer, Work};
 use crate::{Error, Progress, Result};
@@ -201,8 +202,8 @@ impl Relighter {
     ///
     /// # Errors
     /// [`Error::Setting`] unless `aa` is 1 or 2, `cull` 0 to 1, every emitter of the rig names a material of the scene that shines and has a
-    /// usable scale, every edited material is one of the scene and has a base colour within `0..=1`, none is named twice, and the shot can
-    /// tell so many bounces apart and have other colours ([`Multibounce`](crate::transfer::Multibounce)).
+    /// usable scale, every edited material is one of the scene and has a base colour within `0..=1`, none is named twice, the shot has the sky where a dome
+    /// is to shine, and it can tell so many bounces apart and have other colours ([`Multibounce`](crate::transfer::Multibounce)).
     pub fn relight(&mut self, rig: &LightRig, settings: &RelightSettings) -> Result<Layers> {
         self.relight_watched(rig, settings, &())
     }
@@ -227,8 +228,17 @@ impl Relighter {
         let began = Instant::now();
         let glows = self.glows(rig)?;
         let base_colors = edits::base_colors(&self.transfer.report, rig)?;
+        let shining: Vec<&Light> =
+            rig.lights.iter().filter(|light| light.enabled && light.color() != Vec3::ZERO).collect();
+        let dome = shining.iter().find(|light| matches!(light.kind, LightKind::Dome { .. }));
+        if let Some(dome) = dome.filter(|_| !self.transfer.report.settings.sky) {
+            return Err(Error::Setting(format!(
+                "dome light `{}`: the shot was prepared without the sky; prepare it again without --no-sky",
+                dome.name
+            )));
+        }
         if settings.only != Only::Direct {
-            let emits = glows.iter().any(|(_, scale)| *scale != Vec3::ZERO);
+            let emits = dome.is_some() || glows.iter().any(|(_, scale)| *scale != Vec3::ZERO);
             self.transfer.multibounce().check_bounces(settings.bounces, emits)?;
         }
         self.stats = FrameStats::default();
@@ -238,8 +248,6 @@ impl Relighter {
             self.edits = Edits::new(&self.transfer, base_colors);
             self.stats.edits_ms = milliseconds(began);
         }
-        let shining: Vec<&Light> =
-            rig.lights.iter().filter(|light| light.enabled && light.color() != Vec3::ZERO).collect();
         progress.stage("relighting", (shining.len() + glows.len()) as u64);
         let mut before = std::mem::take(&mut self.kept);
         before.append(&mut self.dark);
@@ -281,6 +289,9 @@ impl Relighter {
     fn light(&mut self, light: &Light, settings: &RelightSettings) -> Lit {
         let white = light.with_color(Vec3::ONE);
         self.stats.relit += 1;
+        if let LightKind::Dome { map, intensity, rotation } = &white.kind {
+            return self.dome(&Dome::new(map.clone(), *intensity, *rotation), settings);
+        }
         let mut lit = Lit { direct: self.black(), indirect: self.black() };
         if settings.only != Only::Indirect {
             let began = Instant::now();
@@ -378,16 +389,34 @@ impl Relighter {
         for part in transfer.cloud.emitted.iter().filter(|part| shines(part.material)) {
             emitted[part.sample as usize] += part.radiance;
         }
+        let mut lit = self.shine(&emitted, settings);
+        if settings.only != Only::Indirect {
+            direct::add_emission(&transfer.view, settings.aa, shines, &mut lit.direct.pixels);
+        }
+        lit
+    }
+
+    /// A dome: its light on the view samples (direct), and its bounces.
+    fn dome(&mut self, dome: &Dome, settings: &RelightSettings) -> Lit {
+        let began = Instant::now();
+        let mut emitted = vec![Vec3::ZERO; self.transfer.cloud.surfaces().len()];
+        emitted.extend(illuminate_sky(&self.transfer.cloud.sky, dome));
+        self.stats.cloud_ms += milliseconds(began);
+        self.shine(&emitted, settings)
+    }
+
+    /// What samples of the cloud radiate by themselves.
+    fn shine(&mut self, emitted: &[Vec3], settings: &RelightSettings) -> Lit {
+        let transfer = Arc::clone(&self.transfer);
         let mut lit = Lit { direct: self.black(), indirect: self.black() };
         if settings.only != Only::Indirect {
-            lit.direct.pixels = self.gather(&emitted, Some(0), settings);
-            direct::add_emission(&transfer.view, settings.aa, shines, &mut lit.direct.pixels);
+            lit.direct.pixels = self.gather(emitted, Some(0), settings);
         }
         if settings.only != Only::Direct && settings.bounces != Some(0) {
             let began = Instant::now();
             let times = settings.bounces.map(|bounces| bounces - 1);
             let (bounce, bounces) = (&transfer.bounce, self.edits.bounces(&self.bounces));
-            let bounced = bounces.sum_reflected(bounce, &emitted, times, settings.epsilon(bounce));
+            let bounced = bounces.sum_reflected(bounce, emitted, times, settings.epsilon(bounce));
             lit.indirect.pixels = self.gather_bounced(bounced, began, settings);
         }
         lit

@@ -7,12 +7,13 @@ use rayon::prelude::*;
 use super::cells::Facet;
 use super::refine::{Cuts, Part, Refinement};
 use super::sightings::{Sightings, side_of};
+use super::sky::{SKY_SHARE, SkyCells, SkySightings, SkySphere};
 use super::speakers::Speaker;
 use super::{PackedNormal, PackedUnit, reach, tree};
 use crate::progress::Progress;
 use crate::scene::{Geometry, Scene};
-use crate::trace::sampling::hash;
-use crate::trace::{Accel, Hit, offset_origin};
+use crate::trace::sampling::{cosine_hemisphere, hash};
+use crate::trace::{Accel, Hit, Ray, offset_origin};
 use crate::{Error, Result};
 
 /// Sub-samples a gather sample: points spread over the patch it stands for. More would resolve light's edges on the
@@ -100,14 +101,16 @@ pub struct Emitted {
 /// [`SUB_SAMPLES`] sub-samples each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GatherCloud {
-    /// `4^k` samples.
+    /// `4^k` samples: first those of surfaces, then those of the sky, if there are any: far away, without albedo.
     pub samples: Vec<GatherSample>,
-    /// `SUB_SAMPLES` a sample, neighbours close together.
+    /// `SUB_SAMPLES` a sample of surfaces, neighbours close together.
     pub sub_samples: Vec<SubSample>,
     /// One a sub-sample.
     pub diffuse: Vec<DiffusePart>,
     /// The samples' emission, material by material; in the order of samples.
     pub emitted: Vec<Emitted>,
+    /// The cells of the sky, one for each of the last samples; a sixteenth of all, or none.
+    pub sky: SkyCells,
 }
 
 /// How finely surfaces are parted, and where.
@@ -130,6 +133,8 @@ pub struct CloudSettings {
     pub count: usize,
     /// Where they are dense.
     pub method: CloudMethod,
+    /// Whether a sixteenth of them are of the sky, if it can be seen.
+    pub sky: bool,
     /// Of all random numbers.
     pub seed: u32,
 }
@@ -148,17 +153,42 @@ pub struct CellMap {
     /// For each gather sample, the middle of its cell's area and the mean normal, which is shorter than 1 where the cell is
     /// bent: where form factors are taken. The sample itself lies in the middle of what is seen, nearer to who sees it.
     pub middles: Vec<(Vec3, Vec3)>,
+    sky: SkyCells,
+    sphere: SkySphere,
 }
 
 impl CellMap {
     /// The gather sample that stands for where a ray of direction `direction` hit, seen from where the ray came from;
-    /// `None` where no sample stands (the ray missed, or this side of the surface is never seen).
+    /// `None` where no sample stands (the ray missed and there are none of the sky, or this side of the surface is never seen).
     pub fn sample_at(&self, geometry: &Geometry, hit: &Hit, direction: Vec3) -> Option<usize> {
         if !hit.is_hit() {
-            return None;
+            let cell = self.sky.cell_at(direction)?;
+            return Some(self.middles.len() - self.sky.len() + cell);
         }
         let side = side_of(geometry, hit, direction);
         self.cuts.cell_at(geometry, side, Vec2::new(hit.u, hit.v)).map(|cell| cell as usize)
+    }
+
+    /// A ray that light from a gather sample takes, and where on the sample it starts is one of `targets`: at random by cosine, from the sky
+    /// towards the scene. `random` is in `[0, 1)^2`.
+    pub(crate) fn emitted(&self, sample: usize, target: usize, random: Vec2) -> Ray {
+        let place = sample * TARGETS + target;
+        if sample < self.middles.len() - self.sky.len() {
+            let normal = self.target_normals[place].get();
+            Ray::new(self.targets[place], cosine_hemisphere(normal, random))
+        } else {
+            self.sphere.ray_from(self.targets[place], random)
+        }
+    }
+
+    /// What a gather sample of an area, square metres, sends along such rays at radiance 1, over pi; square metres.
+    pub(crate) fn flux(&self, sample: usize, area: f32) -> f32 {
+        if sample < self.middles.len() - self.sky.len() { area } else { self.sphere.flux(area) }
+    }
+
+    /// How far away the sky's samples are, metres.
+    pub fn sky_distance(&self) -> f32 {
+        self.sphere.radius
     }
 }
 
@@ -208,11 +238,17 @@ impl GatherCloud {
         let bounds = geometry.bounds().unwrap_or_default();
         let diagonal = bounds.0.distance(bounds.1).max(1e-6);
         let build = Build { scene, geometry, accel, seen, settings, diagonal };
-        let (facets, sightings) = build.reached(progress)?;
+        let (facets, sightings, sky_sightings) = build.reached(progress)?;
+        let sky = if settings.sky {
+            SkyCells::new(sky_sightings, settings.method, settings.count / SKY_SHARE, progress)?
+        } else {
+            SkyCells::default()
+        };
+        let surfaces = settings.count - sky.len();
         let refinement =
             Refinement { geometry, sightings: &sightings, normal_scale: tree::normal_scale(diagonal) };
-        let (parts, cuts) = refinement.run(facets, settings.method, settings.count, (progress, for_good))?;
-        if parts.len() < settings.count {
+        let (parts, cuts) = refinement.run(facets, settings.method, surfaces, (progress, for_good))?;
+        if parts.len() < surfaces {
             return Err(too_few(settings.count));
         }
         let take = |(cell, part)| {
@@ -224,7 +260,10 @@ impl GatherCloud {
             Ok(taken)
         };
         let cells: Vec<Portrait> = parts.par_iter().enumerate().map(take).collect::<Result<_>>()?;
-        ordered(&cells, cuts, diagonal, progress)
+        let (mut cloud, mut map) = ordered(&cells, cuts, diagonal, progress)?;
+        add_sky(&mut cloud, &mut map, sky, SkySphere::around(bounds.0, bounds.1), settings.seed);
+        progress.advance(portrait * (settings.count - surfaces) as u64);
+        Ok((cloud, map))
     }
 
     /// The cloud with other base colours, for light to fall on and be reflected by: it cannot be recoloured again. `changes` is what is
@@ -243,6 +282,7 @@ impl GatherCloud {
             samples: self.samples.clone(),
             sub_samples: self.sub_samples.clone(),
             emitted: self.emitted.clone(),
+            sky: self.sky.clone(),
             diffuse: Vec::new(),
         };
         let patches = cloud.sub_samples.par_chunks_exact_mut(SUB_SAMPLES);
@@ -269,6 +309,11 @@ impl GatherCloud {
         self.samples.len()
     }
 
+    /// Those of surfaces: they come first.
+    pub fn surfaces(&self) -> &[GatherSample] {
+        &self.samples[..self.samples.len() - self.sky.len()]
+    }
+
     /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.samples.is_empty()
@@ -284,7 +329,9 @@ fn ordered(
 ) -> Result<(GatherCloud, CellMap)> {
     let keys: Vec<_> =
         cells.iter().map(|cell| tree::key(cell.sample.position, cell.sample.normal, diagonal)).collect();
-    let order = tree::order(&keys, progress)?;
+    // beside a sky there are fifteen sixteenths of a power of four: fifteen clusters
+    let run = if cells.len().is_power_of_two() { 1 } else { cells.len() / (SKY_SHARE - 1) };
+    let order = tree::order(&keys, run, progress)?;
     let mut numbers = vec![0; cells.len()];
     for (number, &cell) in order.iter().enumerate() {
         numbers[cell as usize] = number as u32;
@@ -296,14 +343,42 @@ fn ordered(
         sub_samples: in_order().flat_map(|cell| cell.sub_samples).collect(),
         diffuse: in_order().flat_map(|cell| cell.diffuse).collect(),
         emitted: (0..).zip(in_order()).flat_map(|(sample, cell)| cell.emitted(sample)).collect(),
+        sky: SkyCells::default(),
     };
     let map = CellMap {
         cuts,
         targets: in_order().flat_map(|cell| cell.targets.map(|(place, _)| place)).collect(),
         target_normals: in_order().flat_map(|cell| cell.targets.map(|(_, normal)| normal)).collect(),
         middles: in_order().map(|cell| cell.middle).collect(),
+        sky: SkyCells::default(),
+        sphere: SkySphere::default(),
     };
     Ok((cloud, map))
+}
+
+/// Adds samples of the sky, in the order of its cells, which follow each other closely on the sphere.
+fn add_sky(cloud: &mut GatherCloud, map: &mut CellMap, sky: SkyCells, sphere: SkySphere, seed: u32) {
+    for cell in 0..sky.len() {
+        let direction = sky.direction(cell, Vec2::splat(0.5));
+        let position = sphere.at(direction);
+        cloud.samples.push(GatherSample {
+            position,
+            area: sphere.area(sky.solid_angle(cell)),
+            normal: -direction,
+            triangle: u32::MAX,
+            albedo: Vec3::ZERO,
+            reserved: 0,
+            emission: Vec3::ZERO,
+            reserved2: 0,
+        });
+        map.middles.push((position, -direction));
+        for target in sky.targets(cell, seed) {
+            map.targets.push(sphere.at(target));
+            map.target_normals.push(PackedNormal::new(-target));
+        }
+    }
+    cloud.sky = sky.clone();
+    (map.sky, map.sphere) = (sky, sphere);
 }
 
 fn check_count(count: usize) -> Result<()> {
@@ -352,8 +427,8 @@ struct Build<'a> {
 }
 
 impl Build<'_> {
-    /// The sides of triangles from which light can leave for the camera, judged by coarse cells, and who sees them.
-    fn reached(&self, progress: &dyn Progress) -> Result<(Vec<Facet>, Sightings)> {
+    /// The sides of triangles from which light can leave for the camera, judged by coarse cells, who sees them, and who sees the sky.
+    fn reached(&self, progress: &dyn Progress) -> Result<(Vec<Facet>, Sightings, SkySightings)> {
         let facets = facets(self.scene, self.geometry);
         if facets.is_empty() {
             return Err(nothing());
@@ -371,14 +446,14 @@ impl Build<'_> {
             return Err(nothing());
         }
         // only what can reach the camera speaks
-        let others: Vec<_> = surroundings
-            .into_iter()
-            .zip(reached)
-            .filter(|&(_, reached)| reached)
-            .flat_map(|(surroundings, _)| surroundings.sightings)
-            .collect();
-        let sightings = Sightings::new(self.geometry, self.accel, self.seen, &others, seed, progress)?;
-        Ok((facets, sightings))
+        let (mut others, mut others_sky) = (Vec::new(), Vec::new());
+        for (surroundings, _) in surroundings.into_iter().zip(reached).filter(|&(_, reached)| reached) {
+            others.extend(surroundings.sightings);
+            others_sky.extend(surroundings.sky);
+        }
+        let others = (&others[..], &others_sky[..]);
+        let (sightings, sky) = Sightings::new(self.geometry, self.accel, self.seen, others, seed, progress)?;
+        Ok((facets, sightings, sky))
     }
 
     fn portrait(&self, cell: usize, part: &Part, sightings: &Sightings) -> Portrait {

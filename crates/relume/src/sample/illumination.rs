@@ -32,11 +32,12 @@ pub struct CloudLight {
 /// The direct light of `light` on every gather sample: `albedo / pi * irradiance`, averaged over each patch.
 pub fn illuminate(cloud: &GatherCloud, accel: &Accel, light: &Light) -> CloudLight {
     let prepared = PreparedLight::new(light);
-    let chunks: Vec<(Vec<Vec3>, u64)> = (0..cloud.len())
+    let surfaces = cloud.surfaces().len();
+    let chunks: Vec<(Vec<Vec3>, u64)> = (0..surfaces)
         .into_par_iter()
         .step_by(CHUNK)
         .map(|first| {
-            let last = (first + CHUNK).min(cloud.len());
+            let last = (first + CHUNK).min(surfaces);
             Chunk::new(cloud, accel, &prepared, first, last).run()
         })
         .collect();
@@ -45,6 +46,8 @@ pub fn illuminate(cloud: &GatherCloud, accel: &Accel, light: &Light) -> CloudLig
         result.radiance.extend(radiance);
         result.shadow_rays += rays;
     }
+    // lamps do not shine on the sky
+    result.radiance.resize(cloud.len(), Vec3::ZERO);
     result
 }
 

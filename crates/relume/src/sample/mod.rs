@@ -8,6 +8,8 @@ mod reach;
 mod receivers;
 mod refine;
 mod sightings;
+mod sky;
+mod sky_light;
 mod speakers;
 mod tree;
 mod view;
@@ -19,6 +21,8 @@ pub use cloud::{
 pub use illumination::{CloudLight, illuminate};
 pub use packed::{PackedNormal, PackedUnit};
 pub use receivers::{Gloss, Receiver, Receivers};
+pub use sky::SkyCells;
+pub use sky_light::illuminate_sky;
 pub(crate) use tree::{cluster_order, ordering_steps};
 pub(crate) use view::QUAD;
 pub use view::{ViewHits, ViewSample, ViewSamples, edge_pixels, kept_base_color};

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::cells::{Facet, at};
 use super::refine::{Cuts, Part};
 use super::sightings::{Sighting, Sightings, side_of};
+use super::sky::code_of;
 use crate::scene::Geometry;
 use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d};
 use crate::trace::{Accel, Hit, Ray, offset_origin};
@@ -21,6 +22,8 @@ pub(super) struct Surroundings {
     links: Vec<u32>,
     /// Where they were hit, each with its side of a triangle.
     pub(super) sightings: Vec<(u32, Sighting)>,
+    /// Where rays met nothing: places of the sky.
+    pub(super) sky: Vec<u32>,
     /// The cell's normal, if a ray met nothing.
     open: Option<Vec3>,
 }
@@ -60,7 +63,8 @@ pub(super) fn explore(
             .collect();
         let mut hits = vec![Hit::MISS; rays.len()];
         accel.closest_batch(&rays, &mut hits);
-        let missed = hits.iter().any(|hit| !hit.is_hit());
+        let missed = rays.iter().zip(&hits).filter(|(_, hit)| !hit.is_hit());
+        let sky: Vec<u32> = missed.map(|(ray, _)| code_of(ray.direction)).collect();
         let met = || rays.iter().zip(&hits).filter(|(_, hit)| hit.is_hit());
         let mut links: Vec<u32> =
             met().filter_map(|(ray, hit)| cell_at(geometry, cuts, hit, ray.direction)).collect();
@@ -70,7 +74,8 @@ pub(super) fn explore(
         Ok(Surroundings {
             links,
             sightings: met().map(|(ray, hit)| Sightings::by_surface(geometry, hit, ray.direction)).collect(),
-            open: missed.then(|| part.cell.normal()),
+            open: (!sky.is_empty()).then(|| part.cell.normal()),
+            sky,
         })
     };
     parts.par_iter().enumerate().with_min_len(64).map(explore).collect()

@@ -24,7 +24,7 @@ use crate::{Error, Progress, Result};
 
 /// Share of the adaptive cells that are made by area first. More resolve lights that shine where the camera hardly
 /// looks; fewer leave more for corners.
-const UNIFORM_SHARE: f64 = 0.25;
+pub(super) const UNIFORM_SHARE: f64 = 0.25;
 /// Power of the area in the adaptive weight.
 const AREA_POWER: f64 = 0.25;
 /// Share of the importance that is spread over all surfaces by area.
@@ -174,15 +174,51 @@ pub(super) struct Refinement<'a> {
 
 /// By what a cell's weight is judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Judge {
+pub(super) enum Judge {
     Area,
     Importance,
     Pairs,
 }
 
+/// What all cells together are, for judging one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scale {
+    pub(super) total_area: f64,
+    /// Sightings by view samples.
+    pub(super) by_views: usize,
+    /// Their numbers are below this.
+    pub(super) observers: usize,
+}
+
+impl Judge {
+    /// The weight of a cell of this area with so many sightings, of which `observers` gives the observers.
+    pub(super) fn weight(
+        self,
+        (area, seen): (f64, usize),
+        observers: impl FnOnce() -> Vec<u32>,
+        scale: &Scale,
+    ) -> f64 {
+        let by_area = if seen == 0 { UNSEEN * area } else { area };
+        match self {
+            Self::Area => by_area,
+            Self::Importance => {
+                let observers = observers();
+                let views = observers.iter().filter(|&&observer| observer != Sighting::SURFACE).count();
+                views as f64 / scale.by_views.max(1) as f64 + IMPORTANCE_FLOOR * by_area / scale.total_area
+            }
+            Self::Pairs => {
+                let observers = observers();
+                let pairs = TALLY.with_borrow_mut(|tally| tally.pairs(&observers, scale.observers));
+                // the last term only orders cells in which no ray met another
+                pairs * area.powf(AREA_POWER) + 1e-9 * by_area
+            }
+        }
+    }
+}
+
 /// A cell that may be halved: its weight, and its number. The heaviest comes first, of equals the first.
 #[derive(Clone, Copy, PartialEq)]
-struct Candidate(f64, u32);
+pub(super) struct Candidate(pub(super) f64, pub(super) u32);
 
 impl Eq for Candidate {}
 
@@ -218,7 +254,11 @@ impl Refinement<'_> {
             told: 0,
             goal: count,
             cuts: Cuts { sides: vec![Node::Nothing; 2 * self.geometry.triangles.len()], cuts: Vec::new() },
-            total_area: facets.iter().map(|facet| f64::from(facet.area)).sum(),
+            scale: Scale {
+                total_area: facets.iter().map(|facet| f64::from(facet.area)).sum(),
+                by_views: self.sightings.by_views(),
+                observers: self.sightings.observers,
+            },
             parts: Vec::new(),
             places: Vec::new(),
             next: Vec::new(),
@@ -265,7 +305,7 @@ struct Growing<'a> {
     /// Parts in the end.
     goal: usize,
     cuts: Cuts,
-    total_area: f64,
+    scale: Scale,
     parts: Vec<Part>,
     places: Vec<Place>,
     /// The part that follows each one when the halves of what was halved stay together.
@@ -356,27 +396,10 @@ impl Growing<'_> {
         if part.area < SMALLEST {
             return 0.0;
         }
-        let area = f64::from(part.area);
         let sightings = self.refinement.sightings;
-        let by_area = if part.seen(sightings) == 0 { UNSEEN * area } else { area };
-        let observers = || -> Vec<u32> {
-            part.sightings(sightings).into_iter().map(|(_, sighting)| sighting.observer).collect()
-        };
-        match judge {
-            Judge::Area => by_area,
-            Judge::Importance => {
-                let observers = observers();
-                let views = observers.iter().filter(|&&observer| observer != Sighting::SURFACE).count();
-                views as f64 / sightings.by_views().max(1) as f64
-                    + IMPORTANCE_FLOOR * by_area / self.total_area
-            }
-            Judge::Pairs => {
-                let observers = observers();
-                let pairs = TALLY.with_borrow_mut(|tally| tally.pairs(&observers, sightings.observers));
-                // the last term only orders cells in which no ray met another
-                pairs * area.powf(AREA_POWER) + 1e-9 * by_area
-            }
-        }
+        let observers =
+            || part.sightings(sightings).into_iter().map(|(_, sighting)| sighting.observer).collect();
+        judge.weight((f64::from(part.area), part.seen(sightings)), observers, &self.scale)
     }
 }
 

@@ -10,6 +10,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::cells::at;
+use super::sky::{SkySightings, code_of};
 use crate::scene::Geometry;
 use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d};
 use crate::trace::{Accel, Hit, Ray, offset_origin};
@@ -58,6 +59,15 @@ pub(super) struct Sightings {
     by_views: usize,
 }
 
+/// What the rays of some view samples found.
+#[derive(Default)]
+struct Found {
+    /// Surfaces, each with its side.
+    surfaces: Vec<(u32, Sighting)>,
+    /// Sky: where, and by whom.
+    sky: Vec<(u32, u32)>,
+}
+
 /// The side of the triangle that a ray of this direction hit.
 pub(super) fn side_of(geometry: &Geometry, hit: &Hit, direction: Vec3) -> usize {
     let triangle = hit.triangle as usize;
@@ -76,7 +86,8 @@ impl Sightings {
     }
 
     /// Sends rays from all view samples (`seen`: the camera's first hits and the directions of their rays) and adds
-    /// the sightings `others` of surfaces by surfaces, each with its side. Every ray is a step, also where nothing is seen.
+    /// the sightings `others` of surfaces by surfaces, each with its side. Also returns what is seen of the sky; `others_sky` are places
+    /// of it that surfaces see. Every ray is a step, also where nothing is seen.
     ///
     /// # Errors
     /// [`Error::Cancelled`].
@@ -84,16 +95,16 @@ impl Sightings {
         geometry: &Geometry,
         accel: &Accel,
         seen: &[(Hit, Vec3)],
-        others: &[(u32, Sighting)],
+        (others, others_sky): (&[(u32, Sighting)], &[u32]),
         seed: u32,
         progress: &dyn Progress,
-    ) -> Result<Self> {
+    ) -> Result<(Self, SkySightings)> {
         let rays = Self::rays(seen.len());
         let look = |(chunk, seen): (usize, &[(Hit, Vec3)])| {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }
-            let mut found = Vec::with_capacity(seen.len() * rays as usize);
+            let mut found = Found::default();
             let (mut batch, mut hits) = (Vec::new(), Vec::new());
             for (index, (hit, direction)) in seen.iter().enumerate().filter(|(_, (hit, _))| hit.is_hit()) {
                 let observer = (chunk * CHUNK + index) as u32;
@@ -108,20 +119,27 @@ impl Sightings {
                 );
                 hits.resize(batch.len(), Hit::MISS);
                 accel.closest_batch(&batch, &mut hits);
-                for (ray, hit) in batch.iter().zip(&hits).filter(|(_, hit)| hit.is_hit()) {
-                    let side = side_of(geometry, hit, ray.direction) as u32;
-                    found.push((side, Sighting::new(observer, hit)));
+                for (ray, hit) in batch.iter().zip(&hits) {
+                    if hit.is_hit() {
+                        let side = side_of(geometry, hit, ray.direction) as u32;
+                        found.surfaces.push((side, Sighting::new(observer, hit)));
+                    } else {
+                        found.sky.push((code_of(ray.direction), observer));
+                    }
                 }
             }
             progress.advance(seen.len() as u64 * u64::from(rays));
             Ok(found)
         };
-        let found: Vec<Vec<(u32, Sighting)>> =
-            seen.par_chunks(CHUNK).enumerate().map(look).collect::<Result<_>>()?;
-        let by_views = found.iter().map(Vec::len).sum();
+        let mut found: Vec<Found> = seen.par_chunks(CHUNK).enumerate().map(look).collect::<Result<_>>()?;
+        let by_views = found.iter().map(|found| found.surfaces.len()).sum();
         let mut sightings = Self { observers: seen.len(), by_views, ..Self::none(geometry) };
-        sightings.sort(found.iter().map(Vec::as_slice).chain([others]));
-        Ok(sightings)
+        sightings.sort(found.iter().map(|found| found.surfaces.as_slice()).chain([others]));
+        let by_surfaces = others_sky.iter().map(|&code| (code, Sighting::SURFACE));
+        let all: Vec<(u32, u32)> =
+            found.iter_mut().flat_map(|found| std::mem::take(&mut found.sky)).chain(by_surfaces).collect();
+        let rays = by_views + others.len() + all.len();
+        Ok((sightings, SkySightings { all, observers: seen.len(), rays }))
     }
 
     /// A sighting of a surface by a surface, with its side.

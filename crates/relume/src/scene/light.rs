@@ -1,6 +1,8 @@
+use std::sync::Arc;
+
 use glam::Vec3;
 
-use super::{Emitter, MaterialEdit};
+use super::{Emitter, EnvironmentMap, MaterialEdit};
 
 /// A light source, and whether it shines.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,6 +51,15 @@ pub enum LightKind {
         /// Diameter of the disc it comes from, degrees; 0 gives hard shadows.
         angle: f32,
     },
+    /// Light from all around, as from the sky.
+    Dome {
+        /// What shines where; `None` is the same radiance everywhere.
+        map: Option<Arc<EnvironmentMap>>,
+        /// What the map is multiplied by, or the radiance, W/(sr m^2); linear RGB, not negative.
+        intensity: Vec3,
+        /// Degrees by which the map is turned about +Y, from +Z towards +X.
+        rotation: f32,
+    },
 }
 
 /// Lights and how the picture is shown.
@@ -68,7 +79,9 @@ impl Light {
     /// The linear factor of everything this light does: its intensity or irradiance.
     pub fn color(&self) -> Vec3 {
         match self.kind {
-            LightKind::Omni { intensity, .. } | LightKind::Spot { intensity, .. } => intensity,
+            LightKind::Omni { intensity, .. }
+            | LightKind::Spot { intensity, .. }
+            | LightKind::Dome { intensity, .. } => intensity,
             LightKind::Distant { irradiance, .. } => irradiance,
         }
     }
@@ -78,9 +91,9 @@ impl Light {
     pub fn with_color(&self, color: Vec3) -> Self {
         let mut light = self.clone();
         match &mut light.kind {
-            LightKind::Omni { intensity, .. } | LightKind::Spot { intensity, .. } => {
-                *intensity = color;
-            }
+            LightKind::Omni { intensity, .. }
+            | LightKind::Spot { intensity, .. }
+            | LightKind::Dome { intensity, .. } => *intensity = color,
             LightKind::Distant { irradiance, .. } => *irradiance = color,
         }
         light

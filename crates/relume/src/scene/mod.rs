@@ -3,6 +3,7 @@
 //! Metres, Y up, right-handed; scene-linear Rec. 709; radiant units (see `docs/ARCHITECTURE.md`).
 
 mod camera;
+mod environment;
 mod geometry;
 mod light;
 mod material;
@@ -10,6 +11,7 @@ mod named;
 mod texture;
 
 pub use camera::Camera;
+pub use environment::{EnvironmentMap, EnvironmentSample};
 pub use geometry::Geometry;
 pub use light::{Light, LightKind, LightRig};
 pub use material::{AlphaMode, Material, TextureRef};

@@ -2,6 +2,7 @@ use std::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
 
+use super::Dome;
 use crate::scene::{Light, LightKind};
 use crate::trace::sampling::tangents;
 use crate::trace::{Ray, offset_origin};
@@ -33,7 +34,7 @@ struct Cone {
     inverse_rim: f32,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 enum Shape {
     Local {
         position: Vec3,
@@ -45,6 +46,7 @@ enum Shape {
         direction: Vec3,
         one_minus_cos: f32,
     },
+    Dome(Dome),
 }
 
 /// A light with all that does not depend on the point worked out: its angles cost nothing at a point.
@@ -56,7 +58,8 @@ enum Shape {
 /// - A spot's factor is `saturate((cos t - cos outer) / (cos inner - cos outer))^2`, where `t` is the angle between its
 ///   axis and the direction from its centre to the point, for all samples of a sphere alike.
 /// - A distant light with an angle is a disc of uniform radiance; a surface that faces its centre receives the irradiance.
-#[derive(Clone, Copy, Debug)]
+/// - A dome is sampled by the brightness of its map. It has no centre to shine from.
+#[derive(Clone, Debug)]
 pub struct PreparedLight {
     shape: Shape,
     color: Vec3,
@@ -134,6 +137,9 @@ impl PreparedLight {
                     one_minus_cos: (2.0 * sin * sin) as f32,
                 }
             }
+            LightKind::Dome { ref map, intensity, rotation } => {
+                Shape::Dome(Dome::new(map.clone(), intensity, rotation))
+            }
         };
         Self { shape, color: light.color() }
     }
@@ -143,6 +149,15 @@ impl PreparedLight {
         match self.shape {
             Shape::Local { radius2, .. } => radius2 > 0.0,
             Shape::Distant { one_minus_cos, .. } => one_minus_cos > 0.0,
+            Shape::Dome(_) => true,
+        }
+    }
+
+    /// The dome that the light is, if it is one.
+    pub fn dome(&self) -> Option<&Dome> {
+        match &self.shape {
+            Shape::Dome(dome) => Some(dome),
+            _ => None,
         }
     }
 
@@ -161,7 +176,7 @@ impl PreparedLight {
     }
 
     /// The whole light as if it shone from its centre. On a surface that has all of the light above its horizon,
-    /// `irradiance * cos` is exactly what the light brings, whatever its extent.
+    /// `irradiance * cos` is exactly what the light brings, whatever its extent. `None` for a dome too.
     pub fn center(&self, position: Vec3) -> Option<LightSample> {
         match self.shape {
             Shape::Local { radius2, .. } => {
@@ -172,6 +187,7 @@ impl PreparedLight {
             Shape::Distant { direction, .. } => {
                 Some(LightSample { direction, distance: f32::INFINITY, irradiance: self.color })
             }
+            Shape::Dome(_) => None,
         }
     }
 
@@ -196,6 +212,7 @@ impl PreparedLight {
                 let (direction, _) = within_cone(direction, one_minus_cos, sample);
                 Some(LightSample { direction, distance: f32::INFINITY, irradiance })
             }
+            Shape::Dome(ref dome) => dome.sample(sample).map(|(light, _)| light),
         }
     }
 }

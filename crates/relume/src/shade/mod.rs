@@ -5,6 +5,7 @@
 //! both shade by these, so that they can differ in light transport only. Nothing here allocates a point.
 
 mod bsdf;
+mod dome;
 mod energy;
 mod ggx;
 mod light;
@@ -12,6 +13,7 @@ mod lobe;
 mod surface;
 
 pub use bsdf::{Bsdf, BsdfSample};
+pub use dome::Dome;
 pub use light::{LightSample, PreparedLight, needs_samples, sample, shadow_ray};
 pub(crate) use lobe::LobeTerms;
 pub use lobe::SpecularLobe;

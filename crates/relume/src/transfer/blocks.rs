@@ -49,9 +49,9 @@ pub(super) fn of_receivers(
     Ok(Blocks { points: order.iter().map(|&index| points[index as usize]).collect(), lengths, owners: order })
 }
 
-/// Runs of `length` gather samples, a power of four, or of all if there are fewer: clusters of the tree.
+/// Runs of `length` gather samples of surfaces, a power of four, or of all if there are fewer: clusters of the tree. The last may be shorter.
 pub(super) fn of_cloud(cloud: &GatherCloud, length: usize, seed: u32) -> Blocks {
-    let length = length.min(cloud.len());
+    let surfaces = cloud.surfaces();
     let point = |(index, sample): (usize, &GatherSample)| GatherPoint {
         position: sample.position,
         shading_normal: sample.normal,
@@ -60,8 +60,8 @@ pub(super) fn of_cloud(cloud: &GatherCloud, length: usize, seed: u32) -> Blocks 
         lobe: None,
     };
     Blocks {
-        points: cloud.samples.iter().enumerate().map(point).collect(),
-        lengths: vec![length; cloud.len() / length],
-        owners: (0..cloud.len() as u32).collect(),
+        points: surfaces.iter().enumerate().map(point).collect(),
+        lengths: surfaces.chunks(length).map(<[_]>::len).collect(),
+        owners: (0..surfaces.len() as u32).collect(),
     }
 }

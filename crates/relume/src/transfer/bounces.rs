@@ -154,6 +154,8 @@ pub(super) fn reflected(
 ) -> (Vec<Vec3>, Work) {
     let mut reflected = vec![Vec3::ZERO; bounce.rows];
     let work = bounce.apply_coefficients(&Coefficients::new(light, &bounce.weights), epsilon, &mut reflected);
+    // the sky, whose samples come last, reflects nothing
+    reflected.resize(light.len(), Vec3::ZERO);
     reflected.par_iter_mut().zip(albedo).with_min_len(4096).for_each(|(light, albedo)| *light *= *albedo);
     (reflected, work)
 }

@@ -25,7 +25,7 @@ use super::haar_rows::HaarRows;
 use super::low_rank::LowRank;
 use super::packed_runs::PackedRuns;
 use super::{Buffer, Encoding, ImageLayout, Matrix, Occluders, Operator, Report, Timings, Transfer};
-use crate::sample::{Emitted, GatherCloud, Receivers, SUB_SAMPLES, ViewSample, ViewSamples};
+use crate::sample::{Emitted, GatherCloud, Receivers, SUB_SAMPLES, SkyCells, ViewSample, ViewSamples};
 use crate::scene::Wrap;
 use crate::trace::{AlphaMask, AlphaMasks};
 use crate::{Error, Result, atomic_write};
@@ -149,6 +149,7 @@ impl Transfer {
         tensors.add("view.rows_of_centers", Dtype::U32, &[], &self.rows_of_centers);
         tensors.add("view.rows_of_quads", Dtype::U32, &[], &self.rows_of_quads);
         tensors.add("cloud.samples", Dtype::U8, &[64], &self.cloud.samples);
+        tensors.add("cloud.sky", Dtype::U32, &[], self.cloud.sky.starts());
         tensors.add("cloud.sub_samples", Dtype::U8, &[24], &self.cloud.sub_samples);
         tensors.add("cloud.diffuse", Dtype::U8, &[10], &self.cloud.diffuse);
         tensors.add("cloud.emitted", Dtype::U8, &[20], &self.cloud.emitted);
@@ -402,7 +403,11 @@ impl<'a> Opened<'a> {
             sub_samples: self.values("cloud.sub_samples")?,
             diffuse: self.values("cloud.diffuse")?,
             emitted: self.values("cloud.emitted")?,
+            sky: SkyCells::from_starts(self.values("cloud.sky")?).ok_or_else(|| self.refuse("cloud"))?,
         };
+        if cloud.sky.len() > cloud.len() {
+            return Err(self.refuse("cloud"));
+        }
         let materials = self.header.report.materials.len();
         let known = |part: &Emitted| {
             (part.sample as usize) < cloud.len()
@@ -411,7 +416,7 @@ impl<'a> Opened<'a> {
         };
         let fits = cloud.len().is_power_of_two()
             && cloud.len().trailing_zeros().is_multiple_of(2)
-            && cloud.sub_samples.len() == SUB_SAMPLES * cloud.len()
+            && cloud.sub_samples.len() == SUB_SAMPLES * cloud.surfaces().len()
             && cloud.diffuse.len() == cloud.sub_samples.len()
             && cloud.diffuse.iter().all(|part| (part.material() as usize) < materials)
             && cloud.emitted.iter().all(known)
@@ -475,7 +480,7 @@ impl<'a> Opened<'a> {
             return Err(self.refuse("glossy"));
         }
         let bounce = self.operator("bounce", &self.header.bounce, cloud.len())?;
-        if bounce.rows != cloud.len() {
+        if bounce.rows != cloud.surfaces().len() {
             return Err(self.refuse("bounce"));
         }
         let rows = |name: &str, samples: usize| -> Result<Buffer<u32>> {

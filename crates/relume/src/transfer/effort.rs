@@ -61,7 +61,7 @@ impl Quality {
                 gather_rows: rows(64, 768, 2e-3, (0.04, 0.09)),
                 bounce_rows: rows(32, 512, 4e-3, (0.25, 0.4)),
                 gather_encoding: low_rank(256, 6144, 4.5e-7),
-                bounce_encoding: low_rank(256, 6144, 3e-6),
+                bounce_encoding: low_rank(256, 6144, 2e-6),
                 training_lights: 384,
             },
             Self::Final => Effort {

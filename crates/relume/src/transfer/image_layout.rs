@@ -54,14 +54,14 @@ impl ImageLayout {
         (line * width + column) as u32
     }
 
-    /// The bounces' rows: the flattened cloud, `2^k x 2^k` (Hasan 2006, section 3.4).
-    pub(super) fn of_cloud(count: usize) -> Self {
+    /// The bounces' rows, the first `rows` of `count` samples: the flattened cloud, `2^k x 2^k` (Hasan 2006, section 3.4).
+    pub(super) fn of_cloud(count: usize, rows: usize) -> Self {
         let width = 1 << (count.max(1).ilog2() / 2);
         let place = |sample: usize| {
             let (x, y) = morton_place(sample);
             (y * width + x) as u32
         };
-        Self { width, height: width, places: (0..count).map(place).collect::<Vec<_>>().into() }
+        Self { width, height: width, places: (0..rows).map(place).collect::<Vec<_>>().into() }
     }
 
     /// Whether every one of `rows` has a place of its own within the image.
@@ -97,7 +97,7 @@ mod tests {
 
     #[test]
     fn the_cloud_fills_its_image() {
-        let layout = ImageLayout::of_cloud(256);
+        let layout = ImageLayout::of_cloud(256, 240);
         assert!((layout.width, layout.height) == (16, 16) && layout.is_sound(256));
         assert!(!layout.is_sound(255) && !layout.is_sound(257));
     }

@@ -75,8 +75,8 @@ pub struct Transfer {
     /// `F_g`: the same along the specular lobes of the receivers, as a share of what these reflect. The same rows; `None` where it
     /// was left out.
     pub glossy: Option<Operator>,
-    /// From light on the cloud to the cloud itself; albedo is applied outside. One row a gather sample. One bounce, or all of them:
-    /// see [`Self::multibounce`].
+    /// From light on the cloud to the cloud itself; albedo is applied outside. One row a gather sample of a surface: those of the sky, the
+    /// last ones, receive nothing. One bounce, or all of them: see [`Self::multibounce`].
     pub bounce: Operator,
     /// The row of `gather` that each of the view's centres takes its light from; [`Receivers::NONE`] where nothing reflects.
     pub rows_of_centers: Buffer<u32>,

@@ -29,7 +29,7 @@ impl Multibounce {
     }
 
     /// Whether indirect light can be stopped after `bounces`; `None` is all. All bounces at once cannot be told apart: lights
-    /// can do with none or one, which the operator has no part in, and what surfaces emit (`emits`: whether any does)
+    /// can do with none or one, which the operator has no part in, and what surfaces and domes emit (`emits`: whether any does)
     /// with none.
     ///
     /// # Errors
@@ -40,7 +40,7 @@ impl Multibounce {
             Some(bounces) if self == Self::Photon && bounces > told_apart => Err(Error::Setting(format!(
                 "{bounces} bounces{}: the shot was prepared with photons, whose bounces cannot be told apart; ask for {} or for \
                  all, or prepare it with --multibounce iterated",
-                if emits { " of what surfaces emit" } else { "" },
+                if emits { " of what surfaces or domes emit" } else { "" },
                 if emits { "0" } else { "0, 1" },
             ))),
             _ => Ok(()),

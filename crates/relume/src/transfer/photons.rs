@@ -178,7 +178,9 @@ impl PhotonSource<'_> {
             source: self,
             tree,
             deposits,
-            flux: self.cloud.samples.iter().map(|sample| sample.area / each as f32).collect(),
+            flux: (self.cloud.samples.iter().enumerate())
+                .map(|(number, sample)| self.map.flux(number, sample.area) / each as f32)
+                .collect(),
             nearest: NonZero::new(self.settings.nearest).unwrap_or(NonZero::<usize>::MIN),
             rays,
         })
@@ -200,6 +202,9 @@ impl PhotonSource<'_> {
             let before = shot.deposits.len();
             let mut went_on = Vec::new();
             for (&(photon, ray), hit) in flying.iter().zip(&hits) {
+                if !hit.is_hit() {
+                    continue;
+                }
                 let Some(found) = Found::new(self.map, self.geometry, &ray, hit) else { continue };
                 shot.places.push(found.position.to_array());
                 shot.deposits.push(Deposit::new(found.normal, photon.origin, length == 1));
@@ -221,12 +226,10 @@ impl PhotonSource<'_> {
         sobol_2d(photon.index, pair, hash(photon.origin, self.seed ^ 0x7068_6f74))
     }
 
-    /// From a point of the sample's cell, cosine-weighted.
+    /// From a point of the sample's cell, cosine-weighted; from the sky, anywhere into the scene.
     fn emitted(&self, photon: Photon) -> Ray {
         let point = (self.random(photon, 1).x * TARGETS as f32) as usize;
-        let place = photon.origin as usize * TARGETS + point.min(TARGETS - 1);
-        let normal = self.map.target_normals[place].get();
-        Ray::new(self.map.targets[place], cosine_hemisphere(normal, self.random(photon, 0)))
+        self.map.emitted(photon.origin as usize, point.min(TARGETS - 1), self.random(photon, 0))
     }
 
     /// Where a photon goes after its hit number `length`, if it goes on: with the mean of the albedo's channels as probability.

@@ -204,8 +204,8 @@ impl Shot<'_> {
         let further = receivers.further.iter().map(|&quad| quad as usize);
         let further = further.map(|quad| (hits.quads[quad], look(quad / 4, QUAD[quad % 4])));
         let seen: Vec<_> = centers.chain(further).collect();
-        let Settings { gather: count, cloud: method, seed, .. } = *self.settings;
-        let settings = CloudSettings { count, method, seed };
+        let Settings { gather: count, cloud: method, sky, seed, .. } = *self.settings;
+        let settings = CloudSettings { count, method, sky, seed };
         let (cloud, map) =
             GatherCloud::new(self.scene, self.geometry, self.accel, &seen, &settings, progress)?;
         Ok((view, receivers, cloud, map))
@@ -307,7 +307,7 @@ impl Rows<'_> {
         let store =
             Store::new(settings, self.effort.bounce_encoding.of_blocks(length), prior, per_row, count);
         let rows = blocks::of_cloud(self.cloud, length, settings.seed);
-        let layout = ImageLayout::of_cloud(count);
+        let layout = ImageLayout::of_cloud(count, rows.points.len());
         let compute = |estimator| {
             progress.stage("bounces", rows.points.len() as u64);
             let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: false, count };

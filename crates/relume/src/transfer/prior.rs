@@ -1,7 +1,7 @@
 //! The light prior: how much each wavelet coefficient of light on the cloud is expected to vary.
 //!
-//! Learned from random lights in the scene's free space (narrow and wide spots, omnis and suns) and from light from everywhere,
-//! each scaled so that it carries the same energy on the cloud: how large each coefficient is, and which go together. The spread
+//! Learned from random lights in the scene's free space (narrow and wide spots, omnis and suns), from skies where there is one, and from
+//! light from everywhere, each scaled so that it carries the same energy on the cloud: how large each coefficient is, and which go together. The spread
 //! falls with the area of the basis function by far less than area-weighted selection assumes.
 
 use std::f32::consts::PI;
@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::{Coefficients, Operator, Selection, bounces, haar};
 use crate::progress::Progress;
-use crate::sample::{GatherCloud, illuminate};
+use crate::sample::{GatherCloud, GatherSample, illuminate};
 use crate::scene::{Light, LightKind};
 use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d, uniform_sphere, unit};
 use crate::trace::{Accel, Ray, offset_origin};
@@ -21,18 +21,73 @@ use crate::{Error, Result};
 /// coefficient that no training light happened to touch is not thought impossible.
 const OWN_SHARE: f64 = 0.6;
 
+/// Of a scene that is open, this share of the lights are skies.
+const SKIES: f32 = 0.125;
+
+/// A light to learn from.
+pub(super) enum TrainingLight {
+    Lamp(Light),
+    Sky(Sky),
+}
+
+/// A sky to learn from: some glow all around, and two places that are brighter.
+pub(super) struct Sky {
+    glow: f32,
+    lobes: [Lobe; 2],
+}
+
+/// `weight exp(sharpness (cos - 1))`, scaled so that `weight` is what comes from all directions together.
+struct Lobe {
+    direction: Vec3,
+    sharpness: f32,
+    weight: f32,
+}
+
+impl Sky {
+    fn random(seed: u32) -> Self {
+        let random = |dimension: u32| unit(hash(dimension, seed));
+        let lobe = |number: u32| Lobe {
+            direction: cosine_hemisphere(Vec3::Y, sobol_2d(3 + number, 0, seed)),
+            // from a glow over a quarter of the sky to a sun of two degrees
+            sharpness: 3000.0_f32.powf(random(20 + number)),
+            weight: random(30 + number),
+        };
+        Self { glow: 0.1 * random(40), lobes: [0, 1].map(lobe) }
+    }
+
+    fn radiance(&self, direction: Vec3) -> f32 {
+        let lobe = |Lobe { direction: middle, sharpness, weight }: &Lobe| {
+            let norm = sharpness / (2.0 * PI * (1.0 - (-2.0 * sharpness).exp()));
+            weight * norm * (sharpness * (middle.dot(direction) - 1.0)).exp()
+        };
+        self.glow + self.lobes.iter().map(lobe).sum::<f32>()
+    }
+}
+
 /// Random lights of unit flux in the free space around the cloud.
-pub(super) fn training_lights(cloud: &GatherCloud, accel: &Accel, count: usize, seed: u32) -> Vec<Light> {
-    let positions = || cloud.samples.iter().map(|sample| sample.position);
+pub(super) fn training_lights(
+    cloud: &GatherCloud,
+    accel: &Accel,
+    count: usize,
+    seed: u32,
+) -> Vec<TrainingLight> {
+    let positions = || cloud.surfaces().iter().map(|sample| sample.position);
     let low = positions().fold(Vec3::INFINITY, Vec3::min);
     let high = positions().fold(Vec3::NEG_INFINITY, Vec3::max);
     let diagonal = low.distance(high).max(1e-3);
-    (0..count as u32).map(|index| training_light(cloud, accel, diagonal, hash(index, seed))).collect()
+    let light = |seed| {
+        if !cloud.sky.is_empty() && unit(hash(50, seed)) < SKIES {
+            TrainingLight::Sky(Sky::random(seed))
+        } else {
+            TrainingLight::Lamp(training_light(cloud.surfaces(), accel, diagonal, seed))
+        }
+    };
+    (0..count as u32).map(|index| light(hash(index, seed))).collect()
 }
 
-fn training_light(cloud: &GatherCloud, accel: &Accel, diagonal: f32, seed: u32) -> Light {
+fn training_light(surfaces: &[GatherSample], accel: &Accel, diagonal: f32, seed: u32) -> Light {
     let random = |dimension: u32| unit(hash(dimension, seed));
-    let sample = &cloud.samples[((random(0) * cloud.len() as f32) as usize).min(cloud.len() - 1)];
+    let sample = &surfaces[((random(0) * surfaces.len() as f32) as usize).min(surfaces.len() - 1)];
     let away = cosine_hemisphere(sample.normal, sobol_2d(0, 0, seed));
     let origin = offset_origin(sample.position, sample.normal);
     let free = accel.closest(&Ray::new(origin, away)).t.min(0.5 * diagonal);
@@ -68,7 +123,7 @@ fn training_light(cloud: &GatherCloud, accel: &Accel, diagonal: f32, seed: u32) 
 pub(super) fn train(
     cloud: &GatherCloud,
     accel: &Accel,
-    lights: &[Light],
+    lights: &[TrainingLight],
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<f32>>> {
     progress.stage("training lights", lights.len() as u64);
@@ -78,11 +133,28 @@ pub(super) fn train(
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }
-            let radiance = illuminate(cloud, accel, light).radiance;
+            let radiance = match light {
+                TrainingLight::Lamp(light) => {
+                    let radiance = illuminate(cloud, accel, light).radiance;
+                    radiance.iter().map(|rgb| rgb.element_sum() / 3.0).collect()
+                }
+                TrainingLight::Sky(sky) => on_the_sky(cloud, sky),
+            };
             progress.advance(1);
-            Ok(radiance.iter().map(|rgb| rgb.element_sum() / 3.0).collect())
+            Ok(radiance)
         })
         .collect()
+}
+
+/// Radiance of each sample under a sky, before any of it has met a surface.
+fn on_the_sky(cloud: &GatherCloud, sky: &Sky) -> Vec<f32> {
+    let mut radiance = vec![0.0; cloud.surfaces().len()];
+    let mean = |cell: usize| {
+        let directions = cloud.sky.targets(cell, 0);
+        directions.iter().map(|direction| sky.radiance(*direction)).sum::<f32>() / directions.len() as f32
+    };
+    radiance.extend((0..cloud.sky.len()).map(mean));
+    radiance
 }
 
 /// What is known of light on the cloud before a lamp is set. Errors are relative to each image: a light that shines on little, and
@@ -131,7 +203,10 @@ impl LightPrior {
         lessons.learn(&vec![Vec3::ONE; count]);
         let mut held = Vec::new();
         let first_held = lights.len() - lights.len().div_ceil(HELD_OUT).min(MOST_HELD_OUT);
-        let tints: Vec<Vec3> = albedo.iter().map(|rgb| *rgb * (3.0 / rgb.element_sum().max(1e-30))).collect();
+        let mut tints: Vec<Vec3> =
+            albedo.iter().map(|rgb| *rgb * (3.0 / rgb.element_sum().max(1e-30))).collect();
+        // the sky has no colour of its own
+        tints[cloud.surfaces().len()..].fill(Vec3::ONE);
         for (index, light) in lights.iter().enumerate() {
             if progress.cancelled() {
                 return Err(Error::Cancelled);

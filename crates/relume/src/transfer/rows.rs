@@ -98,7 +98,7 @@ pub(super) struct RowScratch {
     pub(super) told: Vec<f32>,
 }
 
-/// A cell that a ray hit, and where.
+/// A cell that a ray hit, and where; of the sky, far away.
 #[derive(Clone, Copy)]
 pub(super) struct Found {
     pub(super) cell: u32,
@@ -111,6 +111,10 @@ impl Found {
     /// `None` where no gather sample stands.
     pub(super) fn new(map: &CellMap, geometry: &Geometry, ray: &Ray, hit: &Hit) -> Option<Self> {
         let cell = map.sample_at(geometry, hit, ray.direction)?;
+        if !hit.is_hit() {
+            let position = ray.origin + ray.direction * map.sky_distance();
+            return Some(Self { cell: cell as u32, position, normal: -ray.direction });
+        }
         let area_vector = geometry.area_vector(hit.triangle as usize).normalize_or_zero();
         let normal = if area_vector.dot(ray.direction) > 0.0 { -area_vector } else { area_vector };
         Some(Self { cell: cell as u32, position: ray.origin + ray.direction * hit.t, normal })

@@ -28,6 +28,8 @@ pub struct Settings {
     pub gather: usize,
     /// Where gather samples are dense.
     pub cloud: CloudMethod,
+    /// Whether a sixteenth of the gather samples are of the sky, where the scene is open to it: for dome lights.
+    pub sky: bool,
     /// Time and space to spend.
     pub quality: Quality,
     /// How operators are stored.
@@ -55,6 +57,7 @@ impl Default for Settings {
             camera: 0,
             gather: 65_536,
             cloud: CloudMethod::Adaptive,
+            sky: true,
             quality: Quality::Standard,
             encoding: Encoding::LowRank,
             selection: None,

@@ -235,7 +235,9 @@ mod tests {
     fn position(light: &Light) -> Vec3 {
         match light.kind {
             LightKind::Omni { position, .. } | LightKind::Spot { position, .. } => position,
-            LightKind::Distant { .. } => panic!("a closed room lets no sun in: {light:?}"),
+            LightKind::Distant { .. } | LightKind::Dome { .. } => {
+                panic!("a closed room lets no sun in: {light:?}")
+            }
         }
     }
 

@@ -1,4 +1,4 @@
-//! `cargo xtask scenes`: makes the demo scene in `assets/`, the same bytes every time.
+//! `cargo xtask scenes`: makes the demo scene and its sky in `assets/`, the same bytes every time.
 
 mod arcade;
 mod building;
@@ -8,6 +8,7 @@ mod lathe;
 mod mesh;
 mod noise;
 mod plants;
+mod sky;
 mod statue;
 mod surface_nets;
 #[cfg(test)]
@@ -19,22 +20,24 @@ use anyhow::{Context, Result, bail};
 
 use crate::workspace;
 
-/// Where the scene lies in the repository.
+/// Where what is made lies in the repository.
 const ARCADE: &str = "assets/arcade.glb";
+const SKY: &str = "assets/rigs/arcade_sky.hdr";
 
-/// Writes the scene, or with `check` says whether the committed file is what would be written.
+/// Writes the scene and its sky, or with `check` says whether the committed files are what would be written.
 pub(crate) fn run(check: bool) -> Result<()> {
-    let path = workspace::root().join(ARCADE);
-    let scene = arcade::arcade()?;
-    if check {
-        let committed = std::fs::read(&path).with_context(|| format!("cannot read {ARCADE}"))?;
-        if committed != scene {
-            bail!("{ARCADE} is not what its source makes: run `cargo xtask scenes` and commit the file");
+    for (name, made) in [(ARCADE, arcade::arcade()?), (SKY, sky::sky()?)] {
+        let path = workspace::root().join(name);
+        if check {
+            let committed = std::fs::read(&path).with_context(|| format!("cannot read {name}"))?;
+            if committed != made {
+                bail!("{name} is not what its source makes: run `cargo xtask scenes` and commit the file");
+            }
+            println!("{name} is up to date");
+        } else {
+            std::fs::write(&path, &made).with_context(|| format!("cannot write {name}"))?;
+            println!("wrote {name}: {} bytes", made.len());
         }
-        println!("{ARCADE} is up to date");
-    } else {
-        std::fs::write(&path, &scene).with_context(|| format!("cannot write {ARCADE}"))?;
-        println!("wrote {ARCADE}: {} bytes", scene.len());
     }
     Ok(())
 }

@@ -144,6 +144,51 @@ fn emitters_are_read_and_their_problems_told_with_their_line() {
     assert!(save_rig(&rig, folder.path().join("rig.toml")).is_err());
 }
 
+const DOME: &str = r#"[[light]]
+name = "sky"
+type = "dome"
+map = "maps/sky.exr"
+intensity = [2, 1, 0]
+rotation = -30
+"#;
+
+#[test]
+fn domes_are_read_with_their_maps_and_written_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let maps = folder.path().join("maps");
+    std::fs::create_dir(&maps).unwrap();
+    let mut image = relume::image::Image::new(4, 2);
+    image.pixels.fill(Vec3::splat(0.5));
+    crate::write_exr_image(maps.join("sky.exr"), &image, &crate::ExrMeta::default()).unwrap();
+    let path = folder.path().join("rig.toml");
+    let read = |text: &str| parse_rig(text, &path);
+    let rig = read(DOME).unwrap();
+    let LightKind::Dome { map: Some(map), intensity, rotation } = &rig.lights[0].kind else {
+        panic!("{rig:?}")
+    };
+    assert_eq!((map.size(), map.name(), *rotation), ((4, 2), "maps/sky.exr", -30.0));
+    assert_eq!((*intensity, map.radiance(Vec3::Y)), (Vec3::new(2.0, 1.0, 0.0), Vec3::splat(0.5)));
+    save_rig(&rig, &path).unwrap();
+    assert_eq!(load_rig(&path).unwrap(), rig);
+    // twice the same map is read once
+    let two = read(&format!("{DOME}{}", DOME.replace("\"sky\"", "\"more\""))).unwrap();
+    let maps = two.lights.iter().map(|light| match &light.kind {
+        LightKind::Dome { map: Some(map), .. } => std::sync::Arc::as_ptr(map),
+        other => panic!("{other:?}"),
+    });
+    assert_eq!(maps.collect::<std::collections::HashSet<_>>().len(), 1);
+    // all but the type may be left out
+    let plain = read("[[light]]\nname = \"sky\"\ntype = \"dome\"\n").unwrap();
+    assert_eq!(plain.lights[0].kind, LightKind::Dome { map: None, intensity: Vec3::ONE, rotation: 0.0 });
+    let told = |from: &str, to: &str| read(&DOME.replace(from, to)).unwrap_err().to_string();
+    let missing = told("sky.exr", "none.exr");
+    assert!(missing.contains("line 4: `map`: ") && missing.contains("none.exr"), "{missing}");
+    assert!(told("\"maps/sky.exr\"", "3").contains("line 4: `map` must be the name of an .hdr or .exr file"));
+    assert!(told("-30", "inf").contains("line 6: `rotation` must be a finite number of degrees"));
+    assert!(told("rotation", "angle").contains("line 6: `angle` is a key of distant lights"));
+    assert!(told("dome", "hdri").contains("did you mean \"dome\"?"));
+}
+
 const MATERIAL: &str = "
 [[material]]
 name = \"wall\"
@@ -262,15 +307,18 @@ fn problems_are_told_with_their_line() {
         ),
         (
             spot("type = \"spot\"\n", ""),
-            "line 2: this light has no `type`; add type = \"omni\", \"spot\" or \"distant\"",
+            "line 2: this light has no `type`; add type = \"omni\", \"spot\", \"distant\" or \"dome\"",
         ),
         (spot("\"spot\"", "\"spto\""), "line 4: unknown type \"spto\"; did you mean \"spot\"?"),
         (spot("\"spot\"", "\"point\""), "line 4: unknown type \"point\"; did you mean \"omni\"?"),
         (
             spot("\"spot\"", "\"area\""),
-            "line 4: unknown type \"area\"; use \"omni\", \"spot\" or \"distant\"",
+            "line 4: unknown type \"area\"; use \"omni\", \"spot\", \"distant\" or \"dome\"",
         ),
-        (spot("\"spot\"", "7"), "line 4: `type` must be \"omni\", \"spot\" or \"distant\", not one number"),
+        (
+            spot("\"spot\"", "7"),
+            "line 4: `type` must be \"omni\", \"spot\", \"distant\" or \"dome\", not one number",
+        ),
         (spot("60.0,", "nan,"), "line 7: `intensity` must be three finite numbers; NaN is none"),
         (spot("60.0,", "-inf,"), "line 7: `intensity` must be three finite numbers; -inf is none"),
         (spot("60.0,", "1e300,"), "line 7: `intensity` must be three finite numbers; inf is none"),

@@ -15,12 +15,13 @@ const AROUND: usize = 2048;
 /// Rows of places that one task reads.
 const ROWS: usize = 64;
 
-/// The mean radiance of a dome over each cell of the sky, W/(sr m^2).
+/// The mean radiance of a dome over each cell of the sky, W/(sr m^2); without the suns of its map, which are [discs](crate::scene::Sun).
 pub fn illuminate_sky(sky: &SkyCells, dome: &Dome) -> Vec<Vec3> {
     let Some(map) = dome.map() else { return vec![dome.intensity(); sky.len()] };
     if sky.is_empty() {
         return Vec::new();
     }
+    let map = map.without_suns();
     let grid = Grid::new(map, dome);
     // the sums of each part are added in one order, whoever computes them
     let parts: Vec<Vec<(Vec3, f32)>> = (0..grid.heights.len())
@@ -34,11 +35,12 @@ pub fn illuminate_sky(sky: &SkyCells, dome: &Dome) -> Vec<Vec3> {
                 (light + part[cell].0, weight + part[cell].1)
             });
             // a cell between the places shows what is in its middle
-            if weight > 0.0 {
-                light / weight * dome.intensity()
+            let mean = if weight > 0.0 {
+                light / weight
             } else {
-                dome.radiance(sky.direction(cell, Vec2::splat(0.5)))
-            }
+                map.radiance(dome.unturned(sky.direction(cell, Vec2::splat(0.5))))
+            };
+            mean * dome.intensity()
         })
         .collect()
 }

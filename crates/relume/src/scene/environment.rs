@@ -1,8 +1,10 @@
 use std::f64::consts::{PI, TAU};
+use std::sync::OnceLock;
 
 use glam::{Vec2, Vec3};
 use xxhash_rust::xxh3::xxh3_64;
 
+use super::suns::{Split, Sun};
 use crate::{Error, Result};
 
 /// Pixels along the longer side at most.
@@ -24,6 +26,7 @@ pub struct EnvironmentMap {
     /// The same within each row.
     columns: Vec<f32>,
     hash: u64,
+    split: OnceLock<Split>,
 }
 
 /// The same pixels, wherever they were read.
@@ -85,7 +88,7 @@ impl EnvironmentMap {
         if total > 0.0 {
             rows.iter_mut().for_each(|sum| *sum /= total);
         }
-        Ok(Self { name, width, height, texels, rows, columns, hash })
+        Ok(Self { name, width, height, texels, rows, columns, hash, split: OnceLock::new() })
     }
 
     /// As it was given, for a rig to name it by.
@@ -96,6 +99,20 @@ impl EnvironmentMap {
     /// Width and height in pixels.
     pub fn size(&self) -> (usize, usize) {
         (self.width, self.height)
+    }
+
+    /// Its compact bright places, the brightest first: found when they are first asked for.
+    pub fn suns(&self) -> &[Sun] {
+        &self.split().suns
+    }
+
+    /// The map without them: what was around is in their place.
+    pub fn without_suns(&self) -> &Self {
+        self.split().rest.as_deref().unwrap_or(self)
+    }
+
+    fn split(&self) -> &Split {
+        self.split.get_or_init(|| Split::of(self))
     }
 
     /// The pixel at a column and row, W/(sr m^2).

@@ -8,6 +8,7 @@ mod geometry;
 mod light;
 mod material;
 mod named;
+mod suns;
 mod texture;
 
 pub use camera::Camera;
@@ -16,6 +17,7 @@ pub use geometry::Geometry;
 pub use light::{Light, LightKind, LightRig};
 pub use material::{AlphaMode, Material, TextureRef};
 pub use named::{Emitter, MaterialEdit, NamedFault, NamedList};
+pub use suns::Sun;
 pub use texture::{ColorSpace, Texture, Wrap};
 
 use glam::{Affine3A, Vec2, Vec3, Vec4};

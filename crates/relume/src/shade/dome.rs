@@ -41,7 +41,7 @@ impl Dome {
     }
 
     /// A direction of the world in the map.
-    fn unturned(&self, direction: Vec3) -> Vec3 {
+    pub fn unturned(&self, direction: Vec3) -> Vec3 {
         let Vec3 { x, y, z } = direction;
         Vec3::new(x * self.cos - z * self.sin, y, z * self.cos + x * self.sin)
     }

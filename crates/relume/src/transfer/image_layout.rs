@@ -98,8 +98,8 @@ mod tests {
     #[test]
     fn the_cloud_fills_its_image() {
         let layout = ImageLayout::of_cloud(256, 240);
-        assert!((layout.width, layout.height) == (16, 16) && layout.is_sound(256));
-        assert!(!layout.is_sound(255) && !layout.is_sound(257));
+        assert!((layout.width, layout.height) == (16, 16) && layout.is_sound(240));
+        assert!(!layout.is_sound(239) && !layout.is_sound(241));
     }
 
     #[test]

@@ -80,7 +80,7 @@ fn lamp_error(room: &Room, points: &[GatherPoint], spread: Spread, faint: f32) -
     let mut rows = vec![0.0; points.len() * CELLS];
     source.block(points, &mut rows, &mut RowScratch::default());
     let of_lamp: Vec<bool> = cloud
-        .samples
+        .surfaces()
         .iter()
         .map(|sample| sample.position.y > HEIGHT - 1e-3 && sample.normal.y < 0.0)
         .collect();

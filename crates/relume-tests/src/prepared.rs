@@ -44,9 +44,10 @@ pub fn relight_afresh(transfer: &Arc<Transfer>, rig: &LightRig, settings: &Relig
     Relighter::new(Arc::clone(transfer)).relight(rig, settings).expect("valid settings")
 }
 
-/// What each row of the final gather adds up to: the operator applied to ones.
+/// What each row of the final gather adds up to over surfaces: the operator applied to ones, and zeros where samples are of the sky.
 pub fn row_sums(transfer: &Transfer) -> Vec<f32> {
-    let ones = vec![Vec3::ONE; transfer.cloud.len()];
+    let mut ones = vec![Vec3::ONE; transfer.cloud.surfaces().len()];
+    ones.resize(transfer.cloud.len(), Vec3::ZERO);
     transfer.gather.apply(&ones).iter().map(|sum| sum.x).collect()
 }
 

@@ -96,6 +96,11 @@ impl EnvironmentMap {
         &self.name
     }
 
+    /// Of its pixels.
+    pub fn content_hash(&self) -> u64 {
+        self.hash
+    }
+
     /// Width and height in pixels.
     pub fn size(&self) -> (usize, usize) {
         (self.width, self.height)

@@ -58,7 +58,10 @@ pub(crate) struct Arguments {
     /// Surfaces that a photon hits at most [default: as many as their albedo lets it].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     photon_path: Option<u32>,
-    /// Lights to make for each scene.
+    /// Prepare without the sky's gather samples, and make no dome.
+    #[arg(long)]
+    pub(crate) no_sky: bool,
+    /// Lights to make for each scene, beside a dome where the sky is to be seen.
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub(crate) lights: u32,
     /// Take each rig (.toml) of this folder as one case, or this one, instead of making lights.
@@ -196,6 +199,7 @@ impl Arguments {
             // where they are not used, they would make another transfer of the same
             photons: if multibounce == Multibounce::Photon { photons } else { PhotonSettings::default() },
             glossy: self.paths != Truth::Diffuse,
+            sky: !self.no_sky,
             seed: self.seed,
             ..Settings::default()
         }

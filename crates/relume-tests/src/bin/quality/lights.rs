@@ -2,10 +2,12 @@
 
 use std::f32::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use relume::glam::Vec3;
 use relume::image::Layers;
 use relume::reference::{Paths, Settings, render};
+use relume::scene::EnvironmentMap;
 use relume::{Error, Light, LightKind, LightRig, Result};
 use relume_io::{check_materials, load_rig};
 
@@ -22,6 +24,8 @@ const WEAK: f64 = 0.05;
 const ATTEMPTS: u32 = 8;
 /// Radiant flux of every light made, W; a sun's is that through a disc as wide as what the camera sees.
 const FLUX: f32 = 100.0;
+/// From the middle of the dome's sun to its rim, degrees.
+const SUN: f32 = 1.0;
 
 /// One light, or one rig, that images are compared under.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,11 +73,16 @@ impl Family {
     }
 }
 
-/// The cases of `shot`: its lights, each alone, and what its surfaces emit.
+/// The cases of `shot`: its lights, each alone, a dome, where there is `sky` to let it in, and what its surfaces emit.
 ///
 /// # Errors
 /// Where a draft cannot be traced.
-pub(crate) fn made(shot: &mut Shot, count: u32, seed: u32, size: (usize, usize)) -> Result<Vec<Case>> {
+pub(crate) fn made(
+    shot: &mut Shot,
+    (count, seed): (u32, u32),
+    size: (usize, usize),
+    sky: bool,
+) -> Result<Vec<Case>> {
     shot.set_emission(false);
     let shot = &*shot;
     let Some(camera) = shot.scene.cameras.first() else {
@@ -81,12 +90,32 @@ pub(crate) fn made(shot: &mut Shot, count: u32, seed: u32, size: (usize, usize))
     };
     let space = FreeSpace::new(&shot.geometry, &shot.accel, camera, size);
     let lights = generate(&space, count, seed, |light| response(shot, light, size))?;
-    let cases = lights.into_iter().map(|light| Case {
+    let dome = dome()?;
+    let reaches = sky && response(shot, &dome, size)? > 0.0;
+    let cases = lights.into_iter().chain(reaches.then_some(dome)).map(|light| Case {
         name: light.name.clone(),
         rig: LightRig { lights: vec![light], ..LightRig::default() },
         emission: false,
     });
     Ok(with_emission(shot, cases))
+}
+
+/// A sky with a sun in it, brighter towards one side.
+fn dome() -> Result<Light> {
+    const SIZE: (usize, usize) = (256, 128);
+    let black = vec![Vec3::ZERO; SIZE.0 * SIZE.1];
+    let plan = EnvironmentMap::new("sky", SIZE.0, SIZE.1, black)?;
+    let sun = Vec3::new(0.4, 0.8, -0.3).normalize();
+    let radiance = |texel: usize| {
+        let direction = plan.direction((texel % SIZE.0) as f64 + 0.5, (texel / SIZE.0) as f64 + 0.5);
+        let cos = direction.dot(sun);
+        let sky = Vec3::new(0.3, 0.5, 0.9) * (0.3 + direction.y.max(0.0))
+            + Vec3::splat(2.0 * cos.max(0.0).powi(16));
+        if cos > SUN.to_radians().cos() { sky + Vec3::new(1.0, 0.9, 0.7) * 5000.0 } else { sky }
+    };
+    let map = EnvironmentMap::new("sky", SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(radiance).collect())?;
+    let kind = LightKind::Dome { map: Some(Arc::new(map)), intensity: Vec3::ONE, rotation: 0.0 };
+    Ok(Light { name: "dome".to_owned(), enabled: true, kind })
 }
 
 /// The rigs in a folder, or the one that `rigs` is, by the names of their files, and what surfaces of `shot` emit.
@@ -243,13 +272,14 @@ mod tests {
 
     #[test]
     fn the_same_seed_makes_the_same_lights() {
-        let lights = |seed| made(&mut Shot::new("room", box_room().scene), 10, seed, SIZE).unwrap();
+        let lights = |seed| made(&mut Shot::new("room", box_room().scene), (10, seed), SIZE, true).unwrap();
         assert_eq!(lights(3), lights(3));
         assert_ne!(lights(3), lights(4));
         let names: Vec<_> = lights(3).iter().map(|case| case.name.clone()).collect();
+        assert_eq!(names.len(), 10, "no sky is let in");
         assert_eq!(names[..5], ["narrow-00", "wide-01", "omni-02", "near-03", "wide-04"]);
         let scene = empty_room(emissive(Vec3::splat(0.5), Vec3::ONE)).scene;
-        let shining = made(&mut Shot::new("room", scene), 2, 0, SIZE).unwrap();
+        let shining = made(&mut Shot::new("room", scene), (2, 0), SIZE, true).unwrap();
         assert_eq!(shining[2], Case { name: EMISSION.into(), rig: LightRig::default(), emission: true });
     }
 

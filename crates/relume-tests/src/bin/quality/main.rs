@@ -123,7 +123,9 @@ struct Measurement<'a> {
 fn measure_scene(mut shot: Shot, arguments: &Arguments) -> Result<SceneReport> {
     let cases = match &arguments.rigs {
         Some(folder) => lights::from_rigs(&shot, folder)?,
-        None => lights::made(&mut shot, arguments.lights, arguments.seed, arguments.size)?,
+        None => {
+            lights::made(&mut shot, (arguments.lights, arguments.seed), arguments.size, !arguments.no_sky)?
+        }
     };
     let (size, spp, bounces) = (arguments.size, arguments.spp, arguments.bounces.clone());
     let settings = ReferenceSettings { size, spp, bounces };

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use relume::glam::Vec3;
 use relume::image::Image;
 use relume::reference::{Paths, Settings};
-use relume::{Error, Progress, Result, atomic_write};
+use relume::{Error, LightKind, LightRig, Progress, Result, atomic_write};
 use relume_io::rig_to_toml;
 use relume_tests::truth::{Truth, Truths, trace_bounces};
 use serde::{Deserialize, Serialize};
@@ -59,6 +59,15 @@ struct Header {
     images_hash: String,
 }
 
+/// What the maps of a rig's domes hold, which its text only names.
+fn maps(rig: &LightRig) -> String {
+    let maps = rig.lights.iter().filter_map(|light| match &light.kind {
+        LightKind::Dome { map: Some(map), .. } => Some(map.content_hash()),
+        _ => None,
+    });
+    maps.map(|hash| format!("# map {hash:016x}\n")).collect()
+}
+
 /// A folder of references.
 pub(crate) struct References {
     /// Where they are kept.
@@ -73,7 +82,7 @@ impl References {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             sources: env!("RELUME_REFERENCE_SOURCES").to_owned(),
             scene_hash: shot.hash.clone(),
-            rig: rig_to_toml(&case.rig),
+            rig: format!("{}{}", rig_to_toml(&case.rig), maps(&case.rig)),
             emission: case.emission,
             size: self.settings.size,
             spp: self.settings.spp,

@@ -96,6 +96,14 @@ pub(crate) fn image_size(text: &str) -> Result<(usize, usize), String> {
         .ok_or_else(|| format!("write WIDTHxHEIGHT in pixels, each 1 to {LARGEST_SIDE}, as 640x480"))
 }
 
+/// A part of all light, in percent.
+pub(crate) fn percent_of_light(text: &str) -> Result<f32, String> {
+    let percent = text.strip_suffix('%').unwrap_or(text).parse().ok();
+    percent
+        .filter(|percent| (0.1..=100.0).contains(percent))
+        .ok_or_else(|| "write a number of percent from 0.1 to 100, such as 4".to_owned())
+}
+
 /// A number of gather samples.
 pub(crate) fn gather_count(text: &str) -> Result<usize, String> {
     text.parse::<usize>()

@@ -1,6 +1,7 @@
 //! Small scenes made in code.
 
 use std::f32::consts::{PI, TAU};
+use std::path::Path;
 
 use relume::glam::{Affine3A, Mat3, Vec2, Vec3};
 use relume::scene::{Geometry, Instance, Material, Mesh, Texture};
@@ -100,6 +101,18 @@ pub fn empty_room(material: Material) -> TestScene {
         60.0,
     );
     builder.build()
+}
+
+/// The demo's scene.
+///
+/// # Panics
+/// If it is not where it belongs in the repository.
+pub fn arcade() -> TestScene {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/arcade.glb");
+    let scene = relume_io::load_scene(&path).expect("the demo's scene").scene;
+    let geometry = Geometry::new(&scene);
+    let accel = Accel::new(&scene, &geometry);
+    TestScene { scene, geometry, accel }
 }
 
 /// A hollow ball of radius 1 around the origin, of one diffuse material, seen from inside.

@@ -7,13 +7,13 @@ use relume::glam::{DVec3, Vec3};
 use relume::image::metrics::relative_l2;
 use relume::relight::{Only, RelightSettings};
 use relume::sample::{GatherSample, illuminate};
-use relume::scene::Geometry;
-use relume::trace::Accel;
 use relume::transfer::{CloudBounces, Encoding, Multibounce, PhotonSettings, Quality, Settings};
 use relume::{Light, LightRig, MaterialEdit, Relighter, Transfer};
 use relume_tests::cloud_truth::{bounced_irradiance, unbiased_error};
 use relume_tests::prepared::{flat, mean, prepare, relight_afresh, spread};
-use relume_tests::scenes::{TestScene, emissive, empty_room, integrating_sphere, lambertian, omni, rig};
+use relume_tests::scenes::{
+    TestScene, arcade, emissive, empty_room, integrating_sphere, lambertian, omni, rig,
+};
 
 /// Photons of at most so many hits. Rows with all their coefficients: what is off is the photons.
 fn photons(path_length: Option<u32>) -> Settings {
@@ -146,14 +146,6 @@ fn photons_refuse_other_base_colours() {
     let mut relighter = Relighter::new(prepare(&built, photons(None)));
     let error = relighter.relight(&painted(Vec3::ZERO), &RelightSettings::default()).unwrap_err();
     assert!(error.is_bad_input() && error.to_string().contains("material `wall`"), "{error}");
-}
-
-fn arcade() -> TestScene {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/arcade.glb");
-    let scene = relume_io::load_scene(&path).expect("the scene of the repository").scene;
-    let geometry = Geometry::new(&scene);
-    let accel = Accel::new(&scene, &geometry);
-    TestScene { scene, geometry, accel }
 }
 
 /// What lights bounce onto every gather sample, before its albedo.

@@ -382,7 +382,7 @@ fn haar_rows_may_keep_more_coefficients_than_there_are() {
         transfer.gather.apply(&(0..count).map(|i| Vec3::splat((i % 7) as f32)).collect::<Vec<_>>())
     };
     assert_eq!(lit(&all), lit(&more));
-    let error = |transfer: &Transfer| transfer.report.gather_error.expect("lights reach the room");
+    let error = |transfer: &Transfer| transfer.report.gather_error.expected.expect("lights reach the room");
     assert!(error(&all) < 0.02, "{}", error(&all));
     let few = prepare(&built, settings(10));
     assert_ne!(lit(&all), lit(&few), "what is left out is noticed");

@@ -96,7 +96,7 @@ fn indirect_light_agrees_with_the_path_tracer() {
         assert!(is_true(&errors), "low rank, {bounces} bounces: {errors:.4?}");
     }
     // what the cache says of its encoding is neither flattery nor fear
-    let told = low_rank.report.gather_error.expect("lights reach the room");
+    let told = low_rank.report.gather_error.expected.expect("lights reach the room");
     let settings =
         RelightSettings { bounces: Some(1), aa: 1, only: Only::Indirect, ..RelightSettings::default() };
     let lost = lights().into_iter().map(|light| {

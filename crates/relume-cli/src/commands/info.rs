@@ -15,7 +15,7 @@ use crate::output::{check_output, ending};
 use crate::report::{Table, bytes, count, percent, plural};
 use crate::scene_file;
 
-use super::prepare::encoding_errors;
+use super::prepare::add_encoding_errors;
 
 /// Show what is in a scene or a cache: counts, sizes, bytes per pixel, expected error.
 #[derive(Args)]
@@ -456,10 +456,7 @@ impl std::fmt::Display for CacheContents<'_> {
         table.line("gather samples", size(parts.gather_samples_bytes));
         table.line("triangles and masks", size(parts.occluders_bytes));
         table.line("file", format!("{}, format {}", bytes(self.cache_bytes), self.format_version));
-        table.line(
-            "encoding error",
-            encoding_errors([report.gather_error, report.glossy_error, report.bounce_error]),
-        );
+        add_encoding_errors(&mut table, report.gather_error, report.glossy_error, report.bounce_error);
         table.line(
             "rays",
             format!(

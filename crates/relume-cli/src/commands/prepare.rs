@@ -5,11 +5,13 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use relume::sample::CloudMethod;
-use relume::transfer::{Encoding, Multibounce, PhotonSettings, Quality, RowMethod, Selection, Settings};
+use relume::transfer::{
+    Encoding, EncodingError, Multibounce, PhotonSettings, Quality, RowMethod, Selection, Settings,
+};
 use relume::{Error, Preparation, Result, Transfer};
 use serde::Serialize;
 
-use crate::arguments::{Threads, gather_count, image_size};
+use crate::arguments::{Threads, gather_count, image_size, percent_of_light};
 use crate::console::Console;
 use crate::interrupt;
 use crate::memory::peak_resident_bytes;
@@ -46,6 +48,9 @@ pub(crate) struct Arguments {
     /// How the transfer is stored.
     #[arg(long, value_enum, default_value_t)]
     encoding: EncodingName,
+    /// What the encoding of diffuse light may lose, in percent of all light, 0.1 to 100 (low-rank) [default: what suits --quality: about 8, 4 or 2].
+    #[arg(long, value_name = "PERCENT", value_parser = percent_of_light)]
+    error: Option<f32>,
     /// By what it chooses the coefficients that it keeps [default: prior for low-rank, area for the others].
     #[arg(long, value_enum)]
     selection: Option<SelectionName>,
@@ -198,10 +203,10 @@ struct Figures<'a> {
     /// 0 without reflections.
     glossy_bytes: usize,
     bounce_bytes: usize,
-    gather_encoding_error: Option<f64>,
+    gather_encoding_error: EncodingError,
     /// `null` without reflections.
-    glossy_encoding_error: Option<f64>,
-    bounce_encoding_error: Option<f64>,
+    glossy_encoding_error: Option<EncodingError>,
+    bounce_encoding_error: EncodingError,
     triangles: u64,
     gather_samples: usize,
     lit_pixels: usize,
@@ -273,6 +278,7 @@ impl Arguments {
                 EncodingName::HaarRows => Encoding::HaarRows,
                 EncodingName::HaarBlocks => Encoding::HaarBlocks,
             },
+            error: self.error.map(|percent| percent / 100.0),
             selection: self.selection.map(|selection| match selection {
                 SelectionName::Area => Selection::Area,
                 SelectionName::Plain => Selection::Plain,
@@ -295,15 +301,25 @@ impl Arguments {
     }
 }
 
-/// The expected errors of the encodings of the diffuse and the glossy final gather and of the bounces.
-pub(crate) fn encoding_errors([gather, glossy, bounces]: [Option<f64>; 3]) -> String {
-    let named = [("diffuse", gather), ("glossy", glossy), ("bounces", bounces)];
-    let told: Vec<String> =
-        named.iter().filter_map(|(name, error)| Some(format!("{} {name}", percent((*error)?)))).collect();
-    if told.is_empty() {
-        return "unknown: no light that was tried reaches anything".to_owned();
+/// The expected errors of the encodings of the diffuse and the glossy final gather and of the bounces, a line for each kind of lights.
+pub(crate) fn add_encoding_errors(
+    table: &mut Table,
+    gather: EncodingError,
+    glossy: Option<EncodingError>,
+    bounces: EncodingError,
+) {
+    let all = [("diffuse", Some(gather)), ("glossy", glossy), ("bounces", Some(bounces))];
+    let told = |of: fn(&EncodingError) -> Option<f64>| {
+        let errors = all.iter().filter_map(|(name, error)| Some((name, of(error.as_ref()?)?)));
+        errors.map(|(name, error)| format!("{} {name}", percent(error))).collect::<Vec<_>>().join(", ")
+    };
+    let (expected, others) = (told(|error| error.expected), told(|error| error.other_lights));
+    let unknown = "unknown: no light that was tried reaches anything".to_owned();
+    table
+        .line("encoding error", if expected.is_empty() { unknown } else { format!("{expected} (expected)") });
+    if !others.is_empty() {
+        table.line("  other lights", format!("{others} (of kinds that were not learned from)"));
     }
-    format!("{} (expected)", told.join(", "))
 }
 
 impl<'a> Figures<'a> {
@@ -379,8 +395,12 @@ impl std::fmt::Display for Figures<'_> {
                 self.bytes_per_pixel
             ),
         );
-        let errors = [self.gather_encoding_error, self.glossy_encoding_error, self.bounce_encoding_error];
-        table.line("encoding error", encoding_errors(errors));
+        add_encoding_errors(
+            &mut table,
+            self.gather_encoding_error,
+            self.glossy_encoding_error,
+            self.bounce_encoding_error,
+        );
         table.line("cache", format!("{}, {}", self.cache.display(), bytes(self.cache_bytes)));
         table.line("peak memory", self.peak_rss_bytes.map_or("not known".to_owned(), bytes));
         write!(f, "{table}")

@@ -24,7 +24,9 @@ use super::haar_blocks::HaarBlocks;
 use super::haar_rows::HaarRows;
 use super::low_rank::LowRank;
 use super::packed_runs::PackedRuns;
-use super::{Buffer, Encoding, ImageLayout, Matrix, Occluders, Operator, Report, Timings, Transfer};
+use super::{
+    Buffer, Encoding, EncodingError, ImageLayout, Matrix, Occluders, Operator, Report, Timings, Transfer,
+};
 use crate::sample::{Emitted, GatherCloud, Receivers, SUB_SAMPLES, SkyCells, ViewSample, ViewSamples};
 use crate::scene::Wrap;
 use crate::trace::{AlphaMask, AlphaMasks};
@@ -68,7 +70,7 @@ struct OperatorHeader {
     per_row: usize,
     /// Width and height of the image that `haar-blocks` lays rows in.
     image: [usize; 2],
-    expected_error: Option<f64>,
+    expected_error: EncodingError,
 }
 
 #[derive(Debug, Serialize, Deserialize)]

@@ -15,7 +15,7 @@ use super::prior::LightPrior;
 use super::rows::{RowScratch, RowSource};
 use super::selection::KeptRows;
 use super::tiles::GatherPoint;
-use super::{ImageLayout, Matrix, Operator, haar};
+use super::{EncodingError, ImageLayout, Matrix, Operator, haar};
 use crate::progress::Progress;
 use crate::{Error, Result};
 
@@ -168,6 +168,55 @@ pub(super) fn compute(plan: Plan<'_>, blocks: &Blocks, progress: &dyn Progress) 
     Ok(Computed { operator, glossy, rays })
 }
 
+/// What the blocks `which` lose of the light that is sent to them when they are encoded at each of `prices`, in units of the plan's: squares, relative.
+/// Zero where no light is sent, and for encodings that know no price.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub(super) fn losses(
+    plan: Plan<'_>,
+    blocks: &Blocks,
+    which: &[usize],
+    prices: &[f32],
+    progress: &dyn Progress,
+) -> Result<Vec<f64>> {
+    let Encoder::LowRank { settings, prior } = plan.encoder else { return Ok(vec![0.0; prices.len()]) };
+    let plan = Plan { glossy: false, ..plan };
+    let workplaces = Workplaces::default();
+    let of_block = |&block: &usize| {
+        if progress.cancelled() {
+            return Err(Error::Cancelled);
+        }
+        let first: usize = blocks.lengths[..block].iter().sum();
+        let points = &blocks.points[first..first + blocks.lengths[block]];
+        let lost = workplaces.with(|workplace| {
+            workplace.estimate(plan, points);
+            workplace.transform(plan.count, Some(&prior.magnitudes));
+            let at = |price: &f32| LowRankSettings { price: settings.price * price, ..settings };
+            let encode =
+                |price: &f32| low_rank_encoder::encode(&workplace.rows, points.len(), &at(price), prior);
+            let alike = |values: &[f64]| values[..prior.held_alike].iter().sum::<f64>();
+            prices
+                .iter()
+                .map(encode)
+                .map(|block| (alike(&block.energy), alike(&block.lost)))
+                .collect::<Vec<_>>()
+        });
+        progress.advance(points.len() as u64);
+        Ok(lost)
+    };
+    let blocks = which.par_iter().with_max_len(1).map(of_block).collect::<Result<Vec<_>>>()?;
+    let sum = |price: usize| {
+        blocks
+            .iter()
+            .fold((0.0, 0.0), |(energy, lost), block| (energy + block[price].0, lost + block[price].1))
+    };
+    Ok((0..prices.len())
+        .map(sum)
+        .map(|(energy, lost)| if energy > 0.0 { lost / energy } else { 0.0 })
+        .collect())
+}
+
 /// Those that no thread uses at the moment.
 #[derive(Default)]
 struct Workplaces(Mutex<Vec<Workplace>>);
@@ -281,7 +330,15 @@ fn assemble(blocks: Vec<EncodedBlock>, encoder: Encoder<'_>, rows: usize, count:
             }
             let weights: Vec<f32> = prior.magnitudes.iter().map(|magnitude| 1.0 / magnitude).collect();
             let matrix = Matrix::LowRank(LowRank::from_blocks(&low_rank, count));
-            Operator::new(rows, matrix, weights.into(), relative_error(&energy, &lost))
+            let ((alike, others), (lost_alike, lost_others)) = (
+                energy.split_at(prior.held_alike.min(energy.len())),
+                lost.split_at(prior.held_alike.min(lost.len())),
+            );
+            let error = EncodingError {
+                expected: relative_error(alike, lost_alike),
+                other_lights: relative_error(others, lost_others),
+            };
+            Operator::new(rows, matrix, weights.into(), error)
         }
         Encoder::Haar(haar) => {
             let (energy, dropped) = energy_of(&kept);
@@ -295,7 +352,11 @@ fn assemble(blocks: Vec<EncodedBlock>, encoder: Encoder<'_>, rows: usize, count:
                     (Matrix::HaarBlocks(matrix), coarse)
                 }
             };
-            Operator::new(rows, matrix, Vec::new().into(), relative_error(&[energy], &[dropped + coarse]))
+            let error = EncodingError {
+                expected: relative_error(&[energy], &[dropped + coarse]),
+                other_lights: None,
+            };
+            Operator::new(rows, matrix, Vec::new().into(), error)
         }
     }
 }

@@ -6,6 +6,7 @@ use glam::Vec3;
 
 use super::*;
 use crate::trace::sampling::{hash, unit};
+use crate::transfer::EncodingError;
 use crate::transfer::{Coefficients, Matrix, Operator, Work};
 
 const COUNT: usize = 256;
@@ -64,7 +65,7 @@ fn difference(a: &[Vec3], b: &[Vec3]) -> f64 {
 fn operator() -> Operator {
     let (matrix, _) = HaarBlocks::encode(&rows(), layout());
     assert!(matrix.is_sound(ROWS, COUNT));
-    Operator::new(ROWS, Matrix::HaarBlocks(matrix), Vec::new().into(), None)
+    Operator::new(ROWS, Matrix::HaarBlocks(matrix), Vec::new().into(), EncodingError::default())
 }
 
 fn apply(operator: &Operator, light: &Coefficients, epsilon: f32) -> (Vec<Vec3>, Work) {
@@ -79,7 +80,8 @@ fn blocks_do_what_rows_do() {
     let (matrix, lost) = HaarBlocks::encode(&rows, layout());
     let energy: f64 = rows.iter().flat_map(|rows| &rows.energies).sum();
     let expected = (lost / energy).sqrt();
-    let operator = Operator::new(ROWS, Matrix::HaarBlocks(matrix), Vec::new().into(), None);
+    let operator =
+        Operator::new(ROWS, Matrix::HaarBlocks(matrix), Vec::new().into(), EncodingError::default());
     let (out, work) = apply(&operator, &light, 0.0);
     let error = difference(&out, &product(&rows, &light));
     println!("off by {error:.5}, expected {expected:.5}, {work:?}");
@@ -88,7 +90,8 @@ fn blocks_do_what_rows_do() {
     let other = ImageLayout { places: (0..ROWS as u32).collect::<Vec<_>>().into(), ..layout() };
     let (elsewhere, _) = HaarBlocks::encode(&rows, other);
     let shifted = HaarBlocks { layout: layout(), ..elsewhere };
-    let shifted = Operator::new(ROWS, Matrix::HaarBlocks(shifted), Vec::new().into(), None);
+    let shifted =
+        Operator::new(ROWS, Matrix::HaarBlocks(shifted), Vec::new().into(), EncodingError::default());
     assert!(difference(&apply(&shifted, &light, 0.0).0, &out) > 0.1, "another layout must be noticed");
 }
 

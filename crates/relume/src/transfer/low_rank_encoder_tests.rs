@@ -3,6 +3,7 @@ use glam::Vec3;
 use super::*;
 use crate::trace::sampling::{hash, unit};
 use crate::transfer::Coefficients;
+use crate::transfer::EncodingError;
 use crate::transfer::haar;
 use crate::transfer::low_rank::LowRank;
 use crate::transfer::packed_runs::PackedRuns;
@@ -42,6 +43,7 @@ fn prior(training: &[Vec<f32>]) -> LightPrior {
         lights: training.len(),
         held: columns_of(&held()),
         held_lights: held().len(),
+        held_alike: held().len(),
     }
 }
 
@@ -228,7 +230,8 @@ fn what_does_not_fit_is_refused() {
 fn columns_are_as_strong_as_what_they_do() {
     let (encoded, _) = encoded(&prior(&lamps(0, LIGHTS as u32)), &ALL);
     let matrix = LowRank::from_blocks(&[encoded], COUNT);
-    let operator = Operator::new(ROWS, Matrix::LowRank(matrix), vec![1.0; COUNT].into(), None);
+    let operator =
+        Operator::new(ROWS, Matrix::LowRank(matrix), vec![1.0; COUNT].into(), EncodingError::default());
     let norms = operator.norms(COUNT);
     let (mut told, mut done) = (0.0, 0.0);
     for column in 0..COUNT {

@@ -7,6 +7,7 @@
 mod atlas;
 mod blocks;
 mod bounces;
+mod budget;
 mod buffer;
 mod cache;
 mod coefficients;
@@ -37,6 +38,7 @@ mod rows;
 mod selection;
 mod settings;
 mod tiles;
+mod training;
 
 pub use bounces::BounceSeries;
 pub use buffer::Buffer;
@@ -47,7 +49,7 @@ pub use effort::Quality;
 pub use image_layout::ImageLayout;
 pub use multibounce::{CloudBounces, Multibounce};
 pub use occluders::Occluders;
-pub use operator::{Encoding, Matrix, Operator};
+pub use operator::{Encoding, EncodingError, Matrix, Operator};
 pub use photons::PhotonSettings;
 pub use preparation::Preparation;
 pub use selection::Selection;
@@ -107,12 +109,12 @@ pub struct Report {
     pub rays_per_pixel: f64,
     /// The same of the bounces, a gather sample; with photons, the rays on which these fly and those by which samples look around.
     pub rays_per_gather_sample: f64,
-    /// Expected relative error of the final gather's encoding alone; `None` where no light tells it ([`Operator::expected_error`]).
-    pub gather_error: Option<f64>,
-    /// The same of the reflections along specular lobes; `None` also where there are none.
-    pub glossy_error: Option<f64>,
+    /// Expected error of the final gather's encoding alone.
+    pub gather_error: EncodingError,
+    /// The same of the reflections along specular lobes; `None` where there are none.
+    pub glossy_error: Option<EncodingError>,
     /// The same of the bounces' encoding.
-    pub bounce_error: Option<f64>,
+    pub bounce_error: EncodingError,
 }
 
 /// How long a preparation took.

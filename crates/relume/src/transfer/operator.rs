@@ -43,6 +43,17 @@ impl Encoding {
     }
 }
 
+/// Expected relative error of an encoding alone, over some lights' images taken as one. `None` where none of them reaches a row, or the matrix
+/// is zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct EncodingError {
+    /// Of `low-rank`, under lights like those it learned from, which were held out; of the other encodings, of the matrix itself.
+    pub expected: Option<f64>,
+    /// Of `low-rank`, under lights of kinds that it did not learn from: needles of light, lamps at a wall, strings of lamps, low suns, an even
+    /// sky, and what surfaces emit, as far as the scene lets them in. `None` for the other encodings, which learn at most magnitudes.
+    pub other_lights: Option<f64>,
+}
+
 /// The stored matrix.
 #[derive(Clone, Debug)]
 pub enum Matrix {
@@ -64,9 +75,8 @@ pub struct Operator {
     pub matrix: Matrix,
     /// `D^-1`, one a coefficient; empty where the encoding uses no prior.
     pub weights: Buffer<f32>,
-    /// Expected relative error of the encoding alone: of `low-rank` over lights like those it learned from, which were
-    /// held out; of the others that of the matrix. `None` where none of these lights reaches a row, or the matrix is zero.
-    pub expected_error: Option<f64>,
+    /// Expected error of the encoding alone.
+    pub expected_error: EncodingError,
     norms: OnceLock<Norms>,
 }
 
@@ -76,7 +86,7 @@ impl Operator {
         rows: usize,
         matrix: Matrix,
         weights: Buffer<f32>,
-        expected_error: Option<f64>,
+        expected_error: EncodingError,
     ) -> Self {
         Self { rows, matrix, weights, expected_error, norms: OnceLock::new() }
     }

@@ -5,6 +5,7 @@ use std::time::Instant;
 use glam::{Vec2, Vec3};
 use xxhash_rust::xxh3::Xxh3;
 
+use super::budget;
 use super::compute::{self, Computed, Encoder, Haar, Plan, RowEstimator};
 use super::effort::{Effort, bounce_block, receiver_block};
 use super::form_factors::Patches;
@@ -13,9 +14,10 @@ use super::paper_rows::{ClusterBounds, PaperRows};
 use super::photons::PhotonSource;
 use super::prior::LightPrior;
 use super::rows::{RowSettings, RowSource};
+use super::training::Training;
 use super::{
     Buffer, Encoding, ImageLayout, Multibounce, Occluders, Operator, Quality, Report, RowMethod, Selection,
-    Settings, Timings, Transfer, blocks, prior,
+    Settings, Timings, Transfer, blocks,
 };
 use crate::Result;
 use crate::progress::Progress;
@@ -23,6 +25,8 @@ use crate::sample::{CellMap, CloudSettings, GatherCloud, QUAD, Receivers, ViewSa
 use crate::scene::{Camera, Geometry, Scene};
 use crate::trace::Accel;
 
+/// Lights of other kinds than are learned from, by which encodings are judged as well.
+const OTHER_LIGHTS: usize = 24;
 /// Opening threshold of the paper's cluster cut, squared size over squared distance.
 const PAPER_THRESHOLD: f32 = 0.01;
 /// Coefficients a row of the paper's multi-bounce matrix, as a share of the final gather's: 40 of 100.
@@ -114,7 +118,7 @@ impl<'a> Preparation<'a> {
             rays_per_pixel: gather.rays as f64 / lit,
             rays_per_gather_sample: bounce.rays as f64 / cloud.len() as f64,
             gather_error: gather.operator.expected_error,
-            glossy_error: gather.glossy.as_ref().and_then(|glossy| glossy.expected_error),
+            glossy_error: gather.glossy.as_ref().map(|glossy| glossy.expected_error),
             bounce_error: bounce.operator.expected_error,
         };
         let occluders = Occluders::new(&geometry, accel.masks());
@@ -226,7 +230,7 @@ impl Shot<'_> {
             bounds: &ClusterBounds::new(cloud),
             effort: self.settings.quality.effort(),
         };
-        let lights = self.training_light(cloud, rows.effort.training_lights, progress)?;
+        let lights = self.training(cloud, rows.effort.training_lights, progress)?;
         let prior = self.prior(cloud, &lights, None, progress)?;
         let bounce = rows.bounces(prior, progress)?;
         let times = self.settings.multibounce.times_to_learn();
@@ -242,30 +246,24 @@ impl Shot<'_> {
     }
 
     /// Light on the cloud to learn from; none where nothing is learned.
-    fn training_light(
-        &self,
-        cloud: &GatherCloud,
-        count: usize,
-        progress: &dyn Progress,
-    ) -> Result<Vec<Vec<f32>>> {
+    fn training(&self, cloud: &GatherCloud, count: usize, progress: &dyn Progress) -> Result<Training> {
         if !self.learns() {
-            return Ok(Vec::new());
+            return Ok(Training::default());
         }
-        let lights = prior::training_lights(cloud, self.accel, count, self.settings.seed);
-        prior::train(cloud, self.accel, &lights, progress)
+        Training::new(cloud, self.accel, (count, OTHER_LIGHTS), self.settings.seed, progress)
     }
 
     fn prior(
         &self,
         cloud: &GatherCloud,
-        lights: &[Vec<f32>],
+        lights: &Training,
         bounce: Option<(&Operator, u32)>,
         progress: &dyn Progress,
     ) -> Result<Option<LightPrior>> {
         if !self.learns() {
             return Ok(None);
         }
-        progress.stage("light prior", lights.len() as u64);
+        progress.stage("light prior", (lights.alike.len() + lights.others.len()) as u64);
         LightPrior::new(cloud, lights, self.settings.selection(), bounce, progress).map(Some)
     }
 }
@@ -341,16 +339,17 @@ impl Rows<'_> {
         let (width, height) = settings.size;
         let length = receiver_block(width * height);
         let encoding = self.effort.gather_encoding.of_blocks(length);
-        let store = Store::new(settings, encoding, prior, settings.coefficients, count);
+        let mut store = Store::new(settings, encoding, prior, settings.coefficients, count);
         let rows = blocks::of_receivers(&receivers.points, length, settings.seed, progress)?;
         let layout = ImageLayout::of_receivers(width, receivers, &rows.owners);
+        let estimator = self.estimator(self.effort.gather_rows_of(length));
+        if let Some(error) = settings.error {
+            let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: false, count };
+            let price = budget::price_for(plan, &rows, f64::from(error), progress)?;
+            store.multiply_price(price);
+        }
         progress.stage("final gather", rows.points.len() as u64);
-        let plan = Plan {
-            estimator: self.estimator(self.effort.gather_rows_of(length)),
-            encoder: store.encoder(&layout),
-            glossy: settings.glossy,
-            count,
-        };
+        let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: settings.glossy, count };
         Ok((compute::compute(plan, &rows, progress)?, rows.owners))
     }
 }
@@ -395,6 +394,13 @@ impl Store {
                 },
                 as_images: encoding == Encoding::HaarBlocks,
             },
+        }
+    }
+
+    /// Where bytes have a price.
+    fn multiply_price(&mut self, by: f32) {
+        if let Self::LowRank { settings, .. } = self {
+            settings.price *= by;
         }
     }
 

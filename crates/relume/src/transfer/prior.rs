@@ -1,161 +1,20 @@
 //! The light prior: how much each wavelet coefficient of light on the cloud is expected to vary.
 //!
-//! Learned from random lights in the scene's free space (narrow and wide spots, omnis and suns), from skies where there is one, and from
-//! light from everywhere, each scaled so that it carries the same energy on the cloud: how large each coefficient is, and which go together. The spread
-//! falls with the area of the basis function by far less than area-weighted selection assumes.
-
-use std::f32::consts::PI;
+//! Learned from random lights (`training.rs`) and from light from everywhere, each scaled so that it carries the same energy on the cloud: how
+//! large each coefficient is, and which go together. The spread falls with the area of the basis function by far less than area-weighted
+//! selection assumes.
 
 use glam::Vec3;
-use rayon::prelude::*;
 
+use super::training::Training;
 use super::{Coefficients, Operator, Selection, bounces, haar};
 use crate::progress::Progress;
-use crate::sample::{GatherCloud, GatherSample, illuminate};
-use crate::scene::{Light, LightKind};
-use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d, uniform_sphere, unit};
-use crate::trace::{Accel, Ray, offset_origin};
+use crate::sample::GatherCloud;
 use crate::{Error, Result};
 
 /// Share of a coefficient's own measured variance in its prior; the rest is the mean of its level, so that a
 /// coefficient that no training light happened to touch is not thought impossible.
 const OWN_SHARE: f64 = 0.6;
-
-/// Of a scene that is open, this share of the lights are skies.
-const SKIES: f32 = 0.125;
-
-/// A light to learn from.
-pub(super) enum TrainingLight {
-    Lamp(Light),
-    Sky(Sky),
-}
-
-/// A sky to learn from: some glow all around, and two places that are brighter.
-pub(super) struct Sky {
-    glow: f32,
-    lobes: [Lobe; 2],
-}
-
-/// `weight exp(sharpness (cos - 1))`, scaled so that `weight` is what comes from all directions together.
-struct Lobe {
-    direction: Vec3,
-    sharpness: f32,
-    weight: f32,
-}
-
-impl Sky {
-    fn random(seed: u32) -> Self {
-        let random = |dimension: u32| unit(hash(dimension, seed));
-        let lobe = |number: u32| Lobe {
-            direction: cosine_hemisphere(Vec3::Y, sobol_2d(3 + number, 0, seed)),
-            // from a glow over a quarter of the sky to a sun of two degrees
-            sharpness: 3000.0_f32.powf(random(20 + number)),
-            weight: random(30 + number),
-        };
-        Self { glow: 0.1 * random(40), lobes: [0, 1].map(lobe) }
-    }
-
-    fn radiance(&self, direction: Vec3) -> f32 {
-        let lobe = |Lobe { direction: middle, sharpness, weight }: &Lobe| {
-            let norm = sharpness / (2.0 * PI * (1.0 - (-2.0 * sharpness).exp()));
-            weight * norm * (sharpness * (middle.dot(direction) - 1.0)).exp()
-        };
-        self.glow + self.lobes.iter().map(lobe).sum::<f32>()
-    }
-}
-
-/// Random lights of unit flux in the free space around the cloud.
-pub(super) fn training_lights(
-    cloud: &GatherCloud,
-    accel: &Accel,
-    count: usize,
-    seed: u32,
-) -> Vec<TrainingLight> {
-    let positions = || cloud.surfaces().iter().map(|sample| sample.position);
-    let low = positions().fold(Vec3::INFINITY, Vec3::min);
-    let high = positions().fold(Vec3::NEG_INFINITY, Vec3::max);
-    let diagonal = low.distance(high).max(1e-3);
-    let light = |seed| {
-        if !cloud.sky.is_empty() && unit(hash(50, seed)) < SKIES {
-            TrainingLight::Sky(Sky::random(seed))
-        } else {
-            TrainingLight::Lamp(training_light(cloud.surfaces(), accel, diagonal, seed))
-        }
-    };
-    (0..count as u32).map(|index| light(hash(index, seed))).collect()
-}
-
-fn training_light(surfaces: &[GatherSample], accel: &Accel, diagonal: f32, seed: u32) -> Light {
-    let random = |dimension: u32| unit(hash(dimension, seed));
-    let sample = &surfaces[((random(0) * surfaces.len() as f32) as usize).min(surfaces.len() - 1)];
-    let away = cosine_hemisphere(sample.normal, sobol_2d(0, 0, seed));
-    let origin = offset_origin(sample.position, sample.normal);
-    let free = accel.closest(&Ray::new(origin, away)).t.min(0.5 * diagonal);
-    let position = origin + away * (free * (0.03 + 0.94 * random(1)));
-    let kind = match random(2) {
-        pick if pick < 0.5 => {
-            let outer_angle = 6.0 * 8.0_f32.powf(random(3)); // 6 to 48 degrees
-            let inner_angle = outer_angle * (0.3 + 0.6 * random(4));
-            let middle = (0.5 * (outer_angle + inner_angle)).to_radians();
-            let flux = 2.0 * PI * (1.0 - middle.cos());
-            let target = position + uniform_sphere(sobol_2d(1, 0, seed));
-            LightKind::Spot {
-                position,
-                target,
-                intensity: Vec3::splat(1.0 / flux),
-                inner_angle,
-                outer_angle,
-                radius: 0.0,
-            }
-        }
-        pick if pick < 0.85 => LightKind::Omni { position, intensity: Vec3::splat(0.25 / PI), radius: 0.0 },
-        _ => {
-            let up = cosine_hemisphere(Vec3::Y, sobol_2d(2, 0, seed));
-            let irradiance = Vec3::splat(16.0 / (diagonal * diagonal));
-            LightKind::Distant { direction: -up, irradiance, angle: 0.0 }
-        }
-    };
-    Light { name: String::new(), enabled: true, kind }
-}
-
-/// Radiance on the cloud under each of `lights`, the mean of the channels. Under a white light the colour is the albedo's, but
-/// for cells of several colours that are lit in part.
-pub(super) fn train(
-    cloud: &GatherCloud,
-    accel: &Accel,
-    lights: &[TrainingLight],
-    progress: &dyn Progress,
-) -> Result<Vec<Vec<f32>>> {
-    progress.stage("training lights", lights.len() as u64);
-    lights
-        .par_iter()
-        .map(|light| {
-            if progress.cancelled() {
-                return Err(Error::Cancelled);
-            }
-            let radiance = match light {
-                TrainingLight::Lamp(light) => {
-                    let radiance = illuminate(cloud, accel, light).radiance;
-                    radiance.iter().map(|rgb| rgb.element_sum() / 3.0).collect()
-                }
-                TrainingLight::Sky(sky) => on_the_sky(cloud, sky),
-            };
-            progress.advance(1);
-            Ok(radiance)
-        })
-        .collect()
-}
-
-/// Radiance of each sample under a sky, before any of it has met a surface.
-fn on_the_sky(cloud: &GatherCloud, sky: &Sky) -> Vec<f32> {
-    let mut radiance = vec![0.0; cloud.surfaces().len()];
-    let mean = |cell: usize| {
-        let directions = cloud.sky.targets(cell, 0);
-        directions.iter().map(|direction| sky.radiance(*direction)).sum::<f32>() / directions.len() as f32
-    };
-    radiance.extend((0..cloud.sky.len()).map(mean));
-    radiance
-}
 
 /// What is known of light on the cloud before a lamp is set. Errors are relative to each image: a light that shines on little, and
 /// brightly, counts no more than others. All are scaled to the same energy, a mean square of one on the cloud.
@@ -171,6 +30,8 @@ pub(super) struct LightPrior {
     pub(super) held: Vec<f32>,
     /// Columns of `held`.
     pub(super) held_lights: usize,
+    /// Those of them that are of the kinds that were learned from: the first.
+    pub(super) held_alike: usize,
 }
 
 /// One light in so many is held out: the last ones.
@@ -191,7 +52,7 @@ impl LightPrior {
     /// whether magnitudes are learned as well.
     pub(super) fn new(
         cloud: &GatherCloud,
-        lights: &[Vec<f32>],
+        lights: &Training,
         selection: Selection,
         bounce: Option<(&Operator, u32)>,
         progress: &dyn Progress,
@@ -202,12 +63,16 @@ impl LightPrior {
         // light from everywhere: a closed room under an even sky, and what is left where no lamp shines on anything
         lessons.learn(&vec![Vec3::ONE; count]);
         let mut held = Vec::new();
-        let first_held = lights.len() - lights.len().div_ceil(HELD_OUT).min(MOST_HELD_OUT);
-        let mut tints: Vec<Vec3> =
-            albedo.iter().map(|rgb| *rgb * (3.0 / rgb.element_sum().max(1e-30))).collect();
-        // the sky has no colour of its own
-        tints[cloud.surfaces().len()..].fill(Vec3::ONE);
-        for (index, light) in lights.iter().enumerate() {
+        let alike = lights.alike.len();
+        let first_held = alike - alike.div_ceil(HELD_OUT).min(MOST_HELD_OUT);
+        let mut held_alike = 0;
+        // what reflects nothing has no colour of its own: the sky, and black lamps that shine
+        let tint = |rgb: &Vec3| match rgb.element_sum() {
+            sum if sum > 0.0 => *rgb * (3.0 / sum),
+            _ => Vec3::ONE,
+        };
+        let tints: Vec<Vec3> = albedo.iter().map(tint).collect();
+        for (index, light) in lights.alike.iter().chain(&lights.others).enumerate() {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }
@@ -219,6 +84,9 @@ impl LightPrior {
                 lessons.learn(&light);
             } else {
                 held.extend(scaled(&light).map(|(_, grey)| grey));
+                if index < alike {
+                    held_alike = held.len();
+                }
             }
             progress.advance(1);
         }
@@ -229,6 +97,7 @@ impl LightPrior {
             lights: grey.len(),
             held: columns(&held, &magnitudes),
             held_lights: held.len(),
+            held_alike,
             magnitudes,
         })
     }

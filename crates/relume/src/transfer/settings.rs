@@ -34,6 +34,9 @@ pub struct Settings {
     pub quality: Quality,
     /// How operators are stored.
     pub encoding: Encoding,
+    /// What the encoding of the diffuse final gather may lose, relative to all light, 0.001 to 1, of `low-rank`; `None` is what `quality` spends
+    /// bytes for. Reflections are stored at the same price of a byte.
+    pub error: Option<f32>,
     /// By what an encoding chooses the coefficients that it keeps; `None` stands for its own way ([`Encoding::selection`]).
     pub selection: Option<Selection>,
     /// How rows are estimated.
@@ -60,6 +63,7 @@ impl Default for Settings {
             sky: true,
             quality: Quality::Standard,
             encoding: Encoding::LowRank,
+            error: None,
             selection: None,
             rows: RowMethod::Balanced,
             multibounce: Multibounce::default(),
@@ -93,6 +97,16 @@ impl Settings {
                 "{} coefficients a row: must be 1 to 4096",
                 self.coefficients
             )));
+        }
+        if let Some(error) = self.error {
+            if !(0.001..=1.0).contains(&error) {
+                return Err(Error::Setting(format!("an error of {error} of the light: must be 0.001 to 1")));
+            }
+            if self.encoding != Encoding::LowRank {
+                return Err(Error::Setting(
+                    "an error that the encoding may have is for low-rank; the others keep a number of coefficients".to_owned(),
+                ));
+            }
         }
         self.photons.check()?;
         scene.cameras.get(self.camera).ok_or_else(|| {

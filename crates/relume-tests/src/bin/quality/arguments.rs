@@ -58,6 +58,9 @@ pub(crate) struct Arguments {
     /// Surfaces that a photon hits at most [default: as many as their albedo lets it].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     photon_path: Option<u32>,
+    /// What the encoding of diffuse light may lose, in percent, of `low-rank`.
+    #[arg(long, value_name = "PERCENT")]
+    error: Option<f32>,
     /// Prepare without the sky's gather samples, and make no dome.
     #[arg(long)]
     pub(crate) no_sky: bool,
@@ -192,6 +195,7 @@ impl Arguments {
             gather: self.gather,
             quality: self.quality,
             encoding,
+            error: self.error.filter(|_| encoding == Encoding::LowRank).map(|percent| percent / 100.0),
             selection,
             coefficients: usize::from(self.coefficients),
             rows: self.rows,

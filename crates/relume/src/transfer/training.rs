@@ -1,0 +1,254 @@
+//! Lights to learn from, and others to be judged by.
+//!
+//! What is learned from: random lights in the scene's free space (narrow and wide spots, omnis and suns) and, where there is a sky, skies. Nothing is
+//! learned from some of these, which tell how much an encoding loses; and from *others*, of kinds that are never learned from: needles of
+//! light, lamps at a wall, strings of lamps, low suns, surfaces that shine. Those tell how far what was learned holds.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::progress::Progress;
+use crate::sample::{GatherCloud, GatherSample, illuminate};
+use crate::scene::{Light, LightKind};
+use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d, uniform_sphere, unit};
+use crate::trace::{Accel, Ray, offset_origin};
+use crate::{Error, Result};
+
+/// Of a scene that is open, this share of the lights are skies.
+const SKIES: f32 = 0.125;
+
+/// Kinds of lights that are never learned from.
+const OTHERS: u32 = 6;
+
+/// A light on the cloud.
+enum Source {
+    Lamps(Vec<Light>),
+    Sky(Sky),
+    /// What all surfaces emit.
+    Emission,
+}
+
+/// Radiance on the cloud under lights, the mean of the channels.
+#[derive(Default)]
+pub(super) struct Training {
+    /// Of the kinds that are learned from, in no order.
+    pub(super) alike: Vec<Vec<f32>>,
+    /// Of other kinds.
+    pub(super) others: Vec<Vec<f32>>,
+}
+
+/// A sky to learn from: some glow all around, and two places that are brighter.
+struct Sky {
+    glow: f32,
+    lobes: [Lobe; 2],
+}
+
+/// `weight exp(sharpness (cos - 1))`, scaled so that `weight` is what comes from all directions together.
+struct Lobe {
+    direction: Vec3,
+    sharpness: f32,
+    weight: f32,
+}
+
+impl Sky {
+    fn random(seed: u32) -> Self {
+        let random = |dimension: u32| unit(hash(dimension, seed));
+        let lobe = |number: u32| Lobe {
+            direction: cosine_hemisphere(Vec3::Y, sobol_2d(3 + number, 0, seed)),
+            // from a glow over a quarter of the sky to a sun of two degrees
+            sharpness: 3000.0_f32.powf(random(20 + number)),
+            weight: random(30 + number),
+        };
+        Self { glow: 0.1 * random(40), lobes: [0, 1].map(lobe) }
+    }
+
+    /// The glow alone.
+    fn even() -> Self {
+        let none = || Lobe { direction: Vec3::Y, sharpness: 1.0, weight: 0.0 };
+        Self { glow: 1.0, lobes: [none(), none()] }
+    }
+
+    fn radiance(&self, direction: Vec3) -> f32 {
+        let lobe = |Lobe { direction: middle, sharpness, weight }: &Lobe| {
+            let norm = sharpness / (2.0 * PI * (1.0 - (-2.0 * sharpness).exp()));
+            weight * norm * (sharpness * (middle.dot(direction) - 1.0)).exp()
+        };
+        self.glow + self.lobes.iter().map(lobe).sum::<f32>()
+    }
+}
+
+impl Training {
+    /// `alike` random lights of unit flux in the free space around the cloud, and `others` of other kinds. Under a white light the colour is
+    /// the albedo's, but for cells of several colours that are lit in part.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    pub(super) fn new(
+        cloud: &GatherCloud,
+        accel: &Accel,
+        (alike, others): (usize, usize),
+        seed: u32,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        progress.stage("training lights", (alike + others) as u64);
+        let space = Space::new(cloud, accel);
+        let lit = |source: Source| {
+            if progress.cancelled() {
+                return Err(Error::Cancelled);
+            }
+            let radiance = radiance_of(&source, cloud, accel);
+            progress.advance(1);
+            Ok(radiance)
+        };
+        let all = |count: usize, seed: u32, source: &(dyn Fn(u32, u32) -> Source + Sync)| {
+            let numbers = (0..count as u32).into_par_iter();
+            numbers.map(|number| lit(source(number, hash(number, seed)))).collect::<Result<Vec<_>>>()
+        };
+        Ok(Self {
+            alike: all(alike, seed, &|_, seed| space.usual(seed))?,
+            others: all(others, hash(seed, 0x07_4e85), &|number, seed| space.unusual(number % OTHERS, seed))?,
+        })
+    }
+}
+
+/// Where lights may be.
+struct Space<'a> {
+    cloud: &'a GatherCloud,
+    accel: &'a Accel,
+    /// Of the box around all surfaces, metres.
+    diagonal: f32,
+}
+
+impl<'a> Space<'a> {
+    fn new(cloud: &'a GatherCloud, accel: &'a Accel) -> Self {
+        let positions = || cloud.surfaces().iter().map(|sample| sample.position);
+        let low = positions().fold(Vec3::INFINITY, Vec3::min);
+        let high = positions().fold(Vec3::NEG_INFINITY, Vec3::max);
+        Self { cloud, accel, diagonal: low.distance(high).max(1e-3) }
+    }
+
+    /// A random surface sample.
+    fn surface(&self, seed: u32) -> &GatherSample {
+        let surfaces = self.cloud.surfaces();
+        &surfaces[((unit(hash(0, seed)) * surfaces.len() as f32) as usize).min(surfaces.len() - 1)]
+    }
+
+    /// A place in the open: a share of the way from a random surface to what lies in front of it.
+    fn place(&self, seed: u32, share: impl Fn(f32) -> f32) -> Vec3 {
+        let sample = self.surface(seed);
+        let away = cosine_hemisphere(sample.normal, sobol_2d(0, 0, seed));
+        let origin = offset_origin(sample.position, sample.normal);
+        let free = self.accel.closest(&Ray::new(origin, away)).t.min(0.5 * self.diagonal);
+        origin + away * share(free)
+    }
+
+    /// A light to learn from.
+    fn usual(&self, seed: u32) -> Source {
+        let random = |dimension: u32| unit(hash(dimension, seed));
+        if !self.cloud.sky.is_empty() && random(50) < SKIES {
+            return Source::Sky(Sky::random(seed));
+        }
+        let position = self.place(seed, |free| free * (0.03 + 0.94 * random(1)));
+        Source::Lamps(vec![match random(2) {
+            pick if pick < 0.5 => {
+                let outer_angle = 6.0 * 8.0_f32.powf(random(3)); // 6 to 48 degrees
+                spot(position, (outer_angle * (0.3 + 0.6 * random(4)), outer_angle), seed)
+            }
+            pick if pick < 0.85 => omni(position),
+            _ => self.sun(cosine_hemisphere(Vec3::Y, sobol_2d(2, 0, seed))),
+        }])
+    }
+
+    /// A light of one of the kinds that are not learned from. Where the scene has none of a kind (no sky, nothing that shines), it is dark.
+    fn unusual(&self, kind: u32, seed: u32) -> Source {
+        let random = |dimension: u32| unit(hash(dimension, seed));
+        let anywhere = |seed: u32| self.place(seed, |free| free * (0.1 + 0.8 * random(1)));
+        match kind {
+            // a needle of light
+            0 => {
+                let outer_angle = 2.0 + 2.0 * random(3);
+                Source::Lamps(vec![spot(anywhere(seed), (0.8 * outer_angle, outer_angle), seed)])
+            }
+            // a lamp at a wall
+            1 => Source::Lamps(vec![omni(self.place(seed, |free| free.min(AT_A_WALL * self.diagonal)))]),
+            // a string of lamps
+            2 => {
+                let [from, to] = [0, 1].map(|end| anywhere(hash(end, seed)));
+                Source::Lamps(
+                    (0..STRING).map(|lamp| omni(from.lerp(to, lamp as f32 / (STRING - 1) as f32))).collect(),
+                )
+            }
+            // a low sun
+            3 => {
+                let (height, turn) = ((3.0 + 9.0 * random(3)).to_radians(), 2.0 * PI * random(4));
+                let (sin, cos) = height.sin_cos();
+                Source::Lamps(vec![self.sun(Vec3::new(cos * turn.cos(), sin, cos * turn.sin()))])
+            }
+            // an even sky
+            4 => Source::Sky(Sky::even()),
+            _ => Source::Emission,
+        }
+    }
+
+    fn sun(&self, towards: Vec3) -> Light {
+        let irradiance = Vec3::splat(16.0 / (self.diagonal * self.diagonal));
+        light(LightKind::Distant { direction: -towards, irradiance, angle: 0.0 })
+    }
+}
+
+/// Distance of a lamp at a wall, in diagonals of the scene: some centimetres in a room.
+const AT_A_WALL: f32 = 0.005;
+/// Lamps of a string.
+const STRING: usize = 5;
+
+fn light(kind: LightKind) -> Light {
+    Light { name: String::new(), enabled: true, kind }
+}
+
+fn omni(position: Vec3) -> Light {
+    light(LightKind::Omni { position, intensity: Vec3::splat(0.25 / PI), radius: 0.0 })
+}
+
+/// In any direction; the angles are the inner and the outer one, degrees.
+fn spot(position: Vec3, (inner_angle, outer_angle): (f32, f32), seed: u32) -> Light {
+    let middle = (0.5 * (outer_angle + inner_angle)).to_radians();
+    let flux = 2.0 * PI * (1.0 - middle.cos());
+    light(LightKind::Spot {
+        position,
+        target: position + uniform_sphere(sobol_2d(1, 0, seed)),
+        intensity: Vec3::splat(1.0 / flux),
+        inner_angle,
+        outer_angle,
+        radius: 0.0,
+    })
+}
+
+/// Radiance of each sample, the mean of the channels.
+fn radiance_of(source: &Source, cloud: &GatherCloud, accel: &Accel) -> Vec<f32> {
+    let mean = |rgb: Vec3| rgb.element_sum() / 3.0;
+    match source {
+        Source::Lamps(lamps) => {
+            let mut sum = vec![0.0; cloud.len()];
+            for lamp in lamps {
+                let radiance = illuminate(cloud, accel, lamp).radiance;
+                sum.iter_mut().zip(radiance).for_each(|(sum, rgb)| *sum += mean(rgb));
+            }
+            sum
+        }
+        Source::Sky(sky) => on_the_sky(cloud, sky),
+        Source::Emission => cloud.samples.iter().map(|sample| mean(sample.emission)).collect(),
+    }
+}
+
+/// Radiance of each sample under a sky, before any of it has met a surface.
+fn on_the_sky(cloud: &GatherCloud, sky: &Sky) -> Vec<f32> {
+    let mut radiance = vec![0.0; cloud.surfaces().len()];
+    let mean = |cell: usize| {
+        let directions = cloud.sky.targets(cell, 0);
+        directions.iter().map(|direction| sky.radiance(*direction)).sum::<f32>() / directions.len() as f32
+    };
+    radiance.extend((0..cloud.sky.len()).map(mean));
+    radiance
+}

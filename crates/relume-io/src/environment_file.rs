@@ -44,17 +44,36 @@ fn read_radiance(path: &Path) -> Result<(usize, usize, Vec<Vec3>)> {
     let file = File::open(path).map_err(io)?;
     let bytes = file.metadata().map_err(io)?.len();
     let altered = |what: String| {
-        Error::file(path, format!("is no Radiance file, cut short or altered ({what}); write it again"))
+        Error::file(
+            path,
+            format!("is no Radiance file (`#?RADIANCE`), cut short or altered ({what}); write it again"),
+        )
     };
     let decoder = HdrDecoder::new(BufReader::new(file)).map_err(|error| altered(error.to_string()))?;
     let (width, height) = decoder.dimensions();
+    if width.max(height) as usize > EnvironmentMap::LONGEST {
+        return Err(Error::file(
+            path,
+            format!(
+                "is {width}x{height} pixels; scale it down to at most {} a side",
+                EnvironmentMap::LONGEST
+            ),
+        ));
+    }
+    // pixels are multiplied by these when they are written
+    let meta = decoder.metadata();
+    let (red, green, blue) = meta.color_correction.unwrap_or((1.0, 1.0, 1.0));
+    let written = Vec3::new(red, green, blue) * meta.exposure.unwrap_or(1.0);
+    if !written.is_finite() || written.min_element() <= 0.0 {
+        return Err(Error::file(path, format!("has an exposure of {written}; it must be above 0")));
+    }
     let pixels = u64::from(width) * u64::from(height);
     if pixels > ALWAYS_ALLOWED.max(bytes.saturating_mul(MOST_PIXELS_A_BYTE)) {
         return Err(altered(format!("its header asks for {pixels} pixels, the file has {bytes} bytes")));
     }
     let image =
         DynamicImage::from_decoder(decoder).map_err(|error| altered(error.to_string()))?.into_rgb32f();
-    Ok((width as usize, height as usize, image.pixels().map(|pixel| Vec3::from(pixel.0)).collect()))
+    Ok((width as usize, height as usize, image.pixels().map(|pixel| Vec3::from(pixel.0) / written).collect()))
 }
 
 #[cfg(test)]
@@ -79,6 +98,11 @@ mod tests {
         assert_eq!((map.size(), map.name()), ((3, 2), "maps/sky.HDR"));
         let last = map.texel(2, 1);
         assert!((last - Vec3::new(1.25, 0.5, 1.0)).length() < 0.02, "{last}");
+        let text = b"#?RADIANCE\nEXPOSURE=2.0\nFORMAT=32-bit_rle_rgbe\n";
+        let brighter = [text, &radiance()[b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n".len()..]].concat();
+        std::fs::write(&hdr, brighter).unwrap();
+        let half = read_environment(&hdr, "sky").unwrap().texel(2, 1);
+        assert!((2.0 * half - last).length() < 1e-5, "{half} is half of {last}");
         let exr = folder.path().join("sky.exr");
         let mut image = Image::new(4, 2);
         image.pixels[5] = Vec3::new(1.0, 2.0, 0.5);
@@ -103,6 +127,8 @@ mod tests {
         assert!(told("cut.hdr", &whole[..whole.len() - 5]).contains("cut short or altered"));
         let huge = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8000 +X 8000\n";
         assert!(told("huge.hdr", huge).contains("64000000 pixels"));
+        let larger = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 80000 +X 80000\n";
+        assert!(told("larger.hdr", larger).contains("scale it down"));
         let mut image = Image::new(2, 1);
         image.pixels[1].x = -1.0;
         let path = folder.path().join("negative.exr");

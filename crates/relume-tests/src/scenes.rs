@@ -103,6 +103,24 @@ pub fn empty_room(material: Material) -> TestScene {
     builder.build()
 }
 
+/// A court: a room without a ceiling, with a block and a metal ball, open to the sky.
+pub fn court() -> TestScene {
+    let mut builder = SceneBuilder::new();
+    let wall = builder.material(lambertian(Vec3::new(0.7, 0.6, 0.5)));
+    let red = builder.material(lambertian(Vec3::new(0.7, 0.2, 0.1)));
+    let ball = builder.material(metal(0.3));
+    let (x, y, z) = (4.0 * Vec3::X, 2.0 * Vec3::Y, 5.0 * Vec3::Z);
+    builder
+        .quad(Vec3::ZERO, z, x, wall)
+        .quad(Vec3::ZERO, x, y, wall)
+        .quad(Vec3::ZERO, y, z, red)
+        .quad(x + y, -y, z, wall)
+        .block(Vec3::new(1.2, 0.0, 1.0), Vec3::new(2.0, 1.1, 1.8), red)
+        .sphere(Vec3::new(2.9, 0.5, 2.2), 0.5, 24, false, ball)
+        .camera(Vec3::new(2.0, 1.4, 4.9), Vec3::new(2.0, 0.6, 1.0), 60.0);
+    builder.build()
+}
+
 /// The demo's scene.
 ///
 /// # Panics

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use relume::glam::Vec3;
 use relume::image::Layers;
 use relume::relight::RelightSettings;
-use relume::sample::Receivers;
+use relume::sample::{GatherCloud, Receivers, SkyCells};
 use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef, Wrap};
 use relume::transfer::haar_blocks::{ATLAS, HaarBlocks};
 use relume::transfer::{Encoding, FORMAT_VERSION, Matrix, Quality, Settings};
 use relume::{Error, Transfer};
 use relume_tests::prepared::{prepare, relight_afresh};
-use relume_tests::scenes::{SceneBuilder, TestScene, emissive, lambertian, omni, rig};
+use relume_tests::scenes::{SceneBuilder, TestScene, court, emissive, lambertian, omni, rig};
 
 /// A room with a lamp, a masked sheet and a metal one: something in every part of the file.
 fn everything() -> TestScene {
@@ -243,6 +243,26 @@ fn blocks_that_cannot_be_are_refused() {
     }
     let saved = altered(&|_| {});
     assert!(saved.load(&saved.bytes).is_ok());
+}
+
+/// The same, with a sky that is no division of the sphere, or larger than the cloud.
+#[test]
+fn skies_that_cannot_be_are_refused() {
+    let settings = Settings { size: (16, 12), gather: 256, quality: Quality::Draft, ..Settings::default() };
+    let [open, finer] = [256, 4096].map(|gather| prepare(&court(), Settings { gather, ..settings.clone() }));
+    assert_eq!((open.cloud.sky.len(), finer.cloud.sky.len()), (16, 256));
+    let saved = Saved::new(&open);
+    assert!(saved.load(&saved.bytes).is_ok());
+    let other = |sky: &SkyCells| {
+        let cloud = GatherCloud { sky: sky.clone(), ..open.cloud.clone() };
+        Saved::new(&Transfer { cloud, ..open.clone() })
+    };
+    // none, as many as all samples, and some that are not even sorted
+    for sky in [SkyCells::default(), finer.cloud.sky.clone()] {
+        let saved = other(&sky);
+        let sentence = saved.refusal(&saved.bytes, "a sky of another size");
+        assert!(sentence.contains("cloud"), "{sentence}");
+    }
 }
 
 /// The same, with emission of samples or materials that are not there, or that is no light.

@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use relume::glam::Vec3;
 use relume::relight::RelightSettings;
+use relume::scene::EnvironmentMap;
 use relume::transfer::{Encoding, Multibounce, RowMethod, Selection, Settings};
 use relume::{LightKind, LightRig};
 use relume_tests::prepared::{prepare, relight_afresh, tiny};
-use relume_tests::scenes::{hall, metal, omni, rig, spot};
+use relume_tests::scenes::{TestScene, court, hall, metal, omni, rig, spot};
 
 fn lights() -> LightRig {
     rig([
@@ -20,14 +21,22 @@ fn lights() -> LightRig {
 
 /// The cache's bytes, and the pixels of a relit frame.
 fn outcome(threads: usize, settings: Settings) -> (Vec<u8>, Vec<Vec3>) {
+    outcome_of(threads, &hall(metal(0.4)), &lights(), settings)
+}
+
+fn outcome_of(
+    threads: usize,
+    built: &TestScene,
+    lights: &LightRig,
+    settings: Settings,
+) -> (Vec<u8>, Vec<Vec3>) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
     pool.install(|| {
-        let built = hall(metal(0.4));
-        let transfer = Arc::new(prepare(&built, settings));
+        let transfer = Arc::new(prepare(built, settings));
         let folder = tempfile::tempdir().expect("a folder for temporary files");
         let path = folder.path().join("shot.relume");
         transfer.save(&path).expect("a folder that can be written");
-        let layers = relight_afresh(&transfer, &lights(), &RelightSettings::default());
+        let layers = relight_afresh(&transfer, lights, &RelightSettings::default());
         let pixels = [layers.direct.pixels, layers.indirect.pixels].concat();
         (std::fs::read(&path).expect("the file just written"), pixels)
     })
@@ -49,6 +58,25 @@ fn threads_change_no_byte() {
             assert!(one.0 == other.0, "{threads} threads change the cache of {settings:?}");
             assert!(one.1 == other.1, "{threads} threads change the image of {settings:?}");
         }
+    }
+}
+
+/// The same under the sky, by a map with a sun in it.
+#[test]
+fn threads_change_no_byte_of_an_open_scene() {
+    let (width, height) = (64, 32);
+    let texel = |i: usize| if i == 300 { Vec3::splat(4000.0) } else { Vec3::new(0.1, 0.2, (i % 7) as f32) };
+    let map = EnvironmentMap::new("sky", width, height, (0..width * height).map(texel).collect());
+    let map = Some(Arc::new(map.expect("radiance")));
+    let dome = rig([LightKind::Dome { map, intensity: Vec3::ONE, rotation: 20.0 }]);
+    for multibounce in [Multibounce::Iterated, Multibounce::Photon] {
+        let settings = Settings { multibounce, error: Some(0.1), ..tiny() };
+        let [one, other] = [1, 3].map(|threads| outcome_of(threads, &court(), &dome, settings.clone()));
+        assert!(one.0 == other.0, "threads change the cache");
+        assert!(
+            one.1 == other.1 && one.1.iter().any(|pixel| *pixel != Vec3::ZERO),
+            "threads change the image"
+        );
     }
 }
 

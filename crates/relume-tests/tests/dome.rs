@@ -12,7 +12,7 @@ use relume::shade::Dome;
 use relume::transfer::{Encoding, Multibounce, Quality, RowMethod, Settings};
 use relume::{Error, LightKind, LightRig, Relighter};
 use relume_tests::prepared::{center_sums, lit_centers, mean, prepare, relight_afresh, spread, tiny};
-use relume_tests::scenes::{SceneBuilder, TestScene, box_room, emissive, lambertian, metal, rig};
+use relume_tests::scenes::{SceneBuilder, TestScene, arcade, box_room, court, emissive, lambertian, rig};
 use relume_tests::truth::{trace, unbiased_relative_l2};
 
 const COLOR: Vec3 = Vec3::new(0.8, 0.5, 0.2);
@@ -44,24 +44,6 @@ fn painted(sun: bool) -> EnvironmentMap {
         let sun = if sun && direction.dot(sun_at) > 0.9992 { 900.0 } else { 0.0 };
         sky + Vec3::new(1.0, 0.8, 0.5) * (window + sun)
     })
-}
-
-/// A court: a room without a ceiling, with a block and a metal ball.
-fn court() -> TestScene {
-    let mut builder = SceneBuilder::new();
-    let wall = builder.material(lambertian(Vec3::new(0.7, 0.6, 0.5)));
-    let red = builder.material(lambertian(Vec3::new(0.7, 0.2, 0.1)));
-    let ball = builder.material(metal(0.3));
-    let (x, y, z) = (4.0 * Vec3::X, 2.0 * Vec3::Y, 5.0 * Vec3::Z);
-    builder
-        .quad(Vec3::ZERO, z, x, wall)
-        .quad(Vec3::ZERO, x, y, wall)
-        .quad(Vec3::ZERO, y, z, red)
-        .quad(x + y, -y, z, wall)
-        .block(Vec3::new(1.2, 0.0, 1.0), Vec3::new(2.0, 1.1, 1.8), red)
-        .sphere(Vec3::new(2.9, 0.5, 2.2), 0.5, 24, false, ball)
-        .camera(Vec3::new(2.0, 1.4, 4.9), Vec3::new(2.0, 0.6, 1.0), 60.0);
-    builder.build()
 }
 
 fn path_traced(
@@ -218,6 +200,41 @@ fn a_court_under_painted_skies_agrees_with_the_path_tracer() {
         // measured 0.027, 0.052 and 0.018 direct; 0.026, 0.030 and 0.023 indirect
         assert!(right[0] < 0.075 && right[1] < 0.05, "{right:?}");
         assert!(wrong.iter().all(|&error| error > 0.15), "{wrong:?}");
+    }
+}
+
+/// The demo's scene under the sky that comes with it, turned two ways; its sun is a pixel.
+#[test]
+fn the_arcade_under_its_sky_agrees_with_the_path_tracer() {
+    let built = arcade();
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/rigs/arcade_sky.toml");
+    let sky = relume_io::load_rig(path).expect("the rig of the repository");
+    let size = (64, 48);
+    let settings = Settings { size, gather: 16_384, quality: Quality::Draft, ..Settings::default() };
+    let transfer = Arc::new(prepare(&built, settings));
+    assert_eq!(transfer.cloud.sky.len(), 1024);
+    let relight = RelightSettings { bounces: Some(2), aa: 1, ..RelightSettings::default() };
+    let turned = |turn: f32| {
+        let mut rig = sky.clone();
+        for light in &mut rig.lights {
+            if let LightKind::Dome { rotation, .. } = &mut light.kind {
+                *rotation += turn;
+            }
+        }
+        rig
+    };
+    let rigs = [0.0, 150.0].map(turned);
+    let images = rigs.each_ref().map(|rig| relight_afresh(&transfer, rig, &relight));
+    for (which, rig) in rigs.iter().enumerate() {
+        let truth = trace(&built, rig, size, 2, 512);
+        let errors = |image: usize| {
+            let direct = unbiased_relative_l2(&images[image].direct, &truth.direct);
+            [direct, unbiased_relative_l2(&images[image].indirect, &truth.indirect[1])]
+        };
+        let (right, wrong) = (errors(which), errors(1 - which));
+        println!("direct and indirect {right:.4?}, turned otherwise {wrong:.4?}");
+        assert!(right[0] < 0.1 && right[1] < 0.15, "{right:?}");
+        assert!(wrong.iter().all(|&error| error > 0.3), "{wrong:?}");
     }
 }
 

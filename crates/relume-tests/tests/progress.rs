@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use relume::transfer::{Multibounce, Quality, Settings};
 use relume::{Error, Preparation, Progress, Result, Transfer};
-use relume_tests::scenes::box_room;
+use relume_tests::scenes::{box_room, court};
 
 /// Notes each stage with the steps it announced and the steps it told; asks to stop once all stages together have told
 /// `most`.
@@ -28,16 +28,20 @@ impl Progress for Listener {
     }
 }
 
+/// In a closed room with photons, or in a court under the sky within an error budget.
 fn prepare(multibounce: Multibounce, most: u64) -> (Result<Transfer>, Vec<(String, u64, u64)>) {
+    let open = multibounce == Multibounce::Iterated;
     let listener = Listener { most, stages: Mutex::default() };
     let settings = Settings {
         size: (40, 30),
         gather: 1024,
         quality: Quality::Draft,
         multibounce,
+        error: open.then_some(0.1),
         ..Settings::default()
     };
-    let outcome = Preparation::new(&box_room().scene).settings(settings).run(&listener);
+    let built = if open { court() } else { box_room() };
+    let outcome = Preparation::new(&built.scene).settings(settings).run(&listener);
     (outcome, listener.stages.into_inner().unwrap())
 }
 
@@ -55,6 +59,10 @@ fn a_preparation_tells_every_step_it_announced() {
         }
         assert!(stages.len() > 6, "{stages:?}");
         assert_eq!(stages.iter().any(|stage| stage.0 == "photons"), multibounce == Multibounce::Photon);
+        assert_eq!(
+            stages.iter().any(|stage| stage.0 == "error budget"),
+            multibounce == Multibounce::Iterated
+        );
     }
 }
 

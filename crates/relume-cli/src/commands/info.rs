@@ -15,7 +15,7 @@ use crate::output::{check_output, ending};
 use crate::report::{Table, bytes, count, percent, plural};
 use crate::scene_file;
 
-use super::prepare::add_encoding_errors;
+use super::prepare::{add_encoding_errors, of_the_sky};
 
 /// Show what is in a scene or a cache: counts, sizes, bytes per pixel, expected error.
 #[derive(Args)]
@@ -256,6 +256,8 @@ struct CacheContents<'a> {
     lit_pixels: usize,
     receivers: usize,
     gather_samples: usize,
+    /// Those of them that are of the sky.
+    sky_samples: usize,
     /// Names of materials that shine.
     emitters: Vec<&'a str>,
     /// Materials with a name that the shot shows or that light it.
@@ -368,6 +370,7 @@ impl<'a> CacheContents<'a> {
             lit_pixels: transfer.lit_pixels(),
             receivers: transfer.gather.rows,
             gather_samples: transfer.cloud.len(),
+            sky_samples: transfer.cloud.sky.len(),
             emitters: emitters(transfer.report.named_materials()),
             shown_materials: named_colors(transfer.shown_materials().into_iter().map(|number| NamedColor {
                 name: &transfer.report.materials[number as usize],
@@ -428,9 +431,10 @@ impl std::fmt::Display for CacheContents<'_> {
         table.line(
             "prepared with",
             format!(
-                "camera {}, {} gather samples, quality {}, encoding {}, selection {}, rows {}, seed {}",
+                "camera {}, {} gather samples, {}, quality {}, encoding {}, selection {}, rows {}, seed {}",
                 settings.camera,
                 count(self.gather_samples as u64),
+                of_the_sky(self.sky_samples, settings),
                 setting_name(settings.quality),
                 setting_name(settings.encoding),
                 setting_name(settings.selection()),

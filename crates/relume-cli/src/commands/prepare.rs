@@ -48,7 +48,7 @@ pub(crate) struct Arguments {
     /// How the transfer is stored.
     #[arg(long, value_enum, default_value_t)]
     encoding: EncodingName,
-    /// What the encoding of diffuse light may lose, in percent of all light, 0.1 to 100 (low-rank) [default: what suits --quality: about 8, 4 or 2].
+    /// What the encoding of diffuse light may lose, in percent of all light, 0.1 to 100 (low-rank) [default: what --quality pays for, usually 2 to 8].
     #[arg(long, value_name = "PERCENT", value_parser = percent_of_light)]
     error: Option<f32>,
     /// By what it chooses the coefficients that it keeps [default: prior for low-rank, area for the others].
@@ -209,6 +209,8 @@ struct Figures<'a> {
     bounce_encoding_error: EncodingError,
     triangles: u64,
     gather_samples: usize,
+    /// Those of them that are of the sky.
+    sky_samples: usize,
     lit_pixels: usize,
     receivers: usize,
     scene_hash: &'a str,
@@ -301,6 +303,15 @@ impl Arguments {
     }
 }
 
+/// How many gather samples are of the sky, and why none.
+pub(crate) fn of_the_sky(samples: usize, settings: &Settings) -> String {
+    match (samples, settings.sky) {
+        (0, true) => "none of the sky, which does not show".to_owned(),
+        (0, false) => "without the sky".to_owned(),
+        (samples, _) => format!("{} of the sky", count(samples as u64)),
+    }
+}
+
 /// The expected errors of the encodings of the diffuse and the glossy final gather and of the bounces, a line for each kind of lights.
 pub(crate) fn add_encoding_errors(
     table: &mut Table,
@@ -343,6 +354,7 @@ impl<'a> Figures<'a> {
             bounce_encoding_error: report.bounce_error,
             triangles: report.triangles,
             gather_samples: transfer.cloud.len(),
+            sky_samples: transfer.cloud.sky.len(),
             lit_pixels: transfer.lit_pixels(),
             receivers: transfer.gather.rows,
             scene_hash: &report.scene_hash,
@@ -369,9 +381,10 @@ impl std::fmt::Display for Figures<'_> {
         table.line(
             "scene",
             format!(
-                "{} triangles, {} gather samples",
+                "{} triangles, {} gather samples, {}",
                 count(self.triangles),
-                count(self.gather_samples as u64)
+                count(self.gather_samples as u64),
+                of_the_sky(self.sky_samples, self.settings)
             ),
         );
         let threads = plural(self.threads, "thread", "threads");

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use clap::Args;
 use relume::relight::{FrameStats, RelightSettings};
-use relume::{Error, Relighter, Result, Transfer};
+use relume::{Error, LightKind, Relighter, Result, Transfer};
 use relume_io::{Attribute, check_materials, load_rig};
 use serde::Serialize;
 
@@ -95,6 +95,16 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let lights = rig.lights.iter().filter(|light| light.enabled).count();
     if lights == 0 {
         console.warning(&format!("{}: no light is enabled", arguments.rig.display()));
+    }
+    for light in rig.lights.iter().filter(|light| light.enabled) {
+        let is_dome = matches!(light.kind, LightKind::Dome { .. });
+        if is_dome && relighter.transfer().report.settings.sky && relighter.transfer().cloud.sky.is_empty() {
+            console.warning(&format!(
+                "{}: dome light `{}` adds nothing: the scene is closed, no sky lights what the camera sees",
+                arguments.rig.display(),
+                light.name
+            ));
+        }
     }
     let layers = relighter.relight_watched(&rig, &settings, &console.progress())?;
     let tonemap = arguments.tonemap.unwrap_or_default().into();

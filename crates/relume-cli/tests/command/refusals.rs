@@ -46,6 +46,41 @@ fn an_emitter_of_no_material_is_told_with_its_line_in_the_rig() {
     work.refused(&reference, 2, message);
 }
 
+/// A dome needs a map that can be read, a shot that has the sky, and a scene that is open.
+#[test]
+fn domes_that_cannot_shine_are_told() {
+    let work = Workplace::prepared();
+    let dome = |map: &str| format!("[[light]]\nname = \"sky\"\ntype = \"dome\"\nmap = \"{map}\"\n");
+    work.write("cut.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 3\n123");
+    work.write("sky.png", b"");
+    let missing = "line 4: `map`: none.hdr: cannot read";
+    for (map, told) in
+        [("none.hdr", missing), ("cut.hdr", "cut short or altered"), ("sky.png", "use an .hdr or an .exr")]
+    {
+        work.write("dome.toml", dome(map).as_bytes());
+        work.refused(&with(&RELIGHT, "rig.toml", "dome.toml"), 2, told);
+        work.refused(
+            &["reference", "room.gltf", "--rig", "dome.toml", "--spp", "1", "-o", "out.exr"],
+            2,
+            told,
+        );
+    }
+    work.write("dome.toml", b"[[light]]\nname = \"sky\"\ntype = \"dome\"\n");
+    let ran = work.succeed(&with(&RELIGHT, "rig.toml", "dome.toml"));
+    assert!(ran.stderr.contains("dome light `sky` adds nothing"), "{}", ran.stderr);
+    let told = work.succeed(&["info", "room.relume"]).stdout;
+    assert!(told.contains("none of the sky, which does not show"), "{told}");
+    let small = ["--size", "16x12", "--gather", "256", "--quality", "draft"];
+    work.succeed(&[&["prepare", "room.gltf", "-o", "blind.relume", "--no-sky"], &small[..]].concat());
+    let blind = with(&with(&RELIGHT, "rig.toml", "dome.toml"), "room.relume", "blind.relume");
+    work.refused(&blind, 2, "prepare it again without --no-sky");
+    for (error, told) in [("0", "from 0.1 to 100"), ("nan", "from 0.1 to 100"), ("five", "such as 4")] {
+        work.refused(&["prepare", "room.gltf", "--error", error], 2, told);
+    }
+    let haar = ["prepare", "room.gltf", "--error", "4", "--encoding", "haar-rows"];
+    work.refused(&haar, 2, "is for low-rank");
+}
+
 #[test]
 fn a_material_that_is_not_there_is_told_with_its_line_in_the_rig() {
     let work = Workplace::prepared();

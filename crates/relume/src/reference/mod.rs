@@ -45,8 +45,8 @@ pub enum Paths {
     /// Those that the transfer models. The first surface has its full BSDF. Every later surface is a diffuse reflector with the
     /// hemispherical reflectance as albedo and its geometric normal in all cosines.
     Transfer,
-    /// As [`Self::Transfer`], but the first surface answers to light from other surfaces by its diffuse lobe alone, with the
-    /// shading normal's cosine: what a transfer without reflections models.
+    /// As [`Self::Transfer`], but the first surface answers to light from other surfaces and from domes by its diffuse lobe alone, with the
+    /// shading normal's cosine: what a transfer without reflections models, but for the highlights of suns in maps, which it has.
     DiffuseTransfer,
 }
 

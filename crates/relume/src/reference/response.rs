@@ -24,8 +24,8 @@ pub(super) enum Response {
 
 impl Response {
     /// The response to light from other surfaces of the camera's first surface (`first`) or a later one, seen
-    /// along the unit `view`. This is where the kinds of [`Paths`] differ; the first surface's response to analytic
-    /// lights is its full BSDF in all of them.
+    /// along the unit `view`. This is where the kinds of [`Paths`] differ; the first surface's response to lights
+    /// that shine from a place or a direction is its full BSDF in all of them.
     pub(super) fn new(paths: Paths, first: bool, surface: &Surface, view: Vec3) -> Self {
         match (paths, first) {
             (Paths::All, _) | (Paths::Transfer, true) => Self::Full(Bsdf::new(surface, view)),

@@ -80,8 +80,12 @@ impl Relighter {
         lit
     }
 
-    /// A dome: its light on the view samples (direct), and its bounces. Suns in its map are lights of their own.
+    /// A dome: its light on the view samples (direct), and its bounces. Suns in its map are lights of their own. A closed scene lets in
+    /// neither: what rays find there between its walls is no sky.
     pub(super) fn dome(&mut self, dome: &Dome, settings: &RelightSettings) -> Lit {
+        if self.transfer.cloud.sky.is_empty() {
+            return Lit { direct: self.black(), indirect: self.black() };
+        }
         let began = Instant::now();
         let mut emitted = vec![Vec3::ZERO; self.transfer.cloud.surfaces().len()];
         emitted.extend(illuminate_sky(&self.transfer.cloud.sky, dome));

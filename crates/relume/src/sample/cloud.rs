@@ -24,13 +24,14 @@ pub const SUB_SAMPLES: usize = 16;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct GatherSample {
-    /// Metres, world space; the sub-sample nearest to the patch's middle.
+    /// Metres, world space; the sub-sample nearest to the patch's middle. Of the sky: in the middle of its cell, on a sphere a thousand
+    /// times as far away as the scene is large.
     pub position: Vec3,
-    /// Square metres.
+    /// Square metres; of the sky, on that sphere.
     pub area: f32,
     /// Unit, world space, on the side that the sample stands for.
     pub normal: Vec3,
-    /// Triangle that `position` lies on.
+    /// Triangle that `position` lies on; `u32::MAX` of the sky.
     pub triangle: u32,
     /// Mean over the patch of the hemispherical reflectance.
     pub albedo: Vec3,
@@ -187,7 +188,7 @@ impl CellMap {
     }
 
     /// How far away the sky's samples are, metres.
-    pub fn sky_distance(&self) -> f32 {
+    pub(crate) fn sky_distance(&self) -> f32 {
         self.sphere.radius
     }
 }
@@ -262,6 +263,7 @@ impl GatherCloud {
         let cells: Vec<Portrait> = parts.par_iter().enumerate().map(take).collect::<Result<_>>()?;
         let (mut cloud, mut map) = ordered(&cells, cuts, diagonal, progress)?;
         add_sky(&mut cloud, &mut map, sky, SkySphere::around(bounds.0, bounds.1), settings.seed);
+        progress.advance(tree::ordering_steps(settings.count) - tree::ordering_steps(surfaces));
         progress.advance(portrait * (settings.count - surfaces) as u64);
         Ok((cloud, map))
     }
@@ -329,9 +331,9 @@ fn ordered(
 ) -> Result<(GatherCloud, CellMap)> {
     let keys: Vec<_> =
         cells.iter().map(|cell| tree::key(cell.sample.position, cell.sample.normal, diagonal)).collect();
-    // beside a sky there are fifteen sixteenths of a power of four: fifteen clusters
+    // beside a sky there are fifteen sixteenths of a power of four: three clusters of four, and three that the sky goes with
     let run = if cells.len().is_power_of_two() { 1 } else { cells.len() / (SKY_SHARE - 1) };
-    let order = tree::order(&keys, run, progress)?;
+    let order = tree::order(&keys, [4, 1].map(|runs| if run > 1 { runs * run } else { 1 }), progress)?;
     let mut numbers = vec![0; cells.len()];
     for (number, &cell) in order.iter().enumerate() {
         numbers[cell as usize] = number as u32;

@@ -29,7 +29,8 @@ pub struct CloudLight {
     pub shadow_rays: u64,
 }
 
-/// The direct light of `light` on every gather sample: `albedo / pi * irradiance`, averaged over each patch.
+/// The direct light of `light` on every gather sample: `albedo / pi * irradiance`, averaged over each patch. None of a dome, whose light comes
+/// through the operators ([`super::illuminate_sky`]).
 pub fn illuminate(cloud: &GatherCloud, accel: &Accel, light: &Light) -> CloudLight {
     let prepared = PreparedLight::new(light);
     let surfaces = cloud.surfaces().len();

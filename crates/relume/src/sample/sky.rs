@@ -92,7 +92,7 @@ impl SkyCells {
         self.starts.len()
     }
 
-    /// Whether the scene is closed.
+    /// Whether there are none: the scene is closed, or it was prepared without the sky.
     pub fn is_empty(&self) -> bool {
         self.starts.is_empty()
     }

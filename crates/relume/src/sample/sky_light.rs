@@ -7,10 +7,11 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::SkyCells;
-use crate::scene::EnvironmentMap;
+use crate::scene::WithoutSuns;
 use crate::shade::Dome;
 
-/// Places around the horizon at which a map is read; half as many from pole to pole. Several hundred fall into a cell that is nothing special.
+/// Places around the horizon at which a map is read, about; half as many from pole to pole. Several hundred fall into a cell that is nothing
+/// special.
 const AROUND: usize = 2048;
 /// Rows of places that one task reads.
 const ROWS: usize = 64;
@@ -35,19 +36,18 @@ pub fn illuminate_sky(sky: &SkyCells, dome: &Dome) -> Vec<Vec3> {
                 (light + part[cell].0, weight + part[cell].1)
             });
             // a cell between the places shows what is in its middle
-            let mean = if weight > 0.0 {
-                light / weight
+            if weight > 0.0 {
+                light / weight * dome.intensity()
             } else {
-                map.radiance(dome.unturned(sky.direction(cell, Vec2::splat(0.5))))
-            };
-            mean * dome.intensity()
+                dome.radiance(sky.direction(cell, Vec2::splat(0.5)))
+            }
         })
         .collect()
 }
 
-/// Places at which a map is read, evenly over its image.
+/// Places at which a map is read: so many a pixel.
 struct Grid<'a> {
-    map: &'a EnvironmentMap,
+    map: &'a WithoutSuns,
     /// Of each column, in the world: sine and cosine of the angle from +Z.
     around: Vec<(f32, f32)>,
     /// Of each row: sine and cosine of the angle from +Y, and the solid angle of a place.
@@ -55,11 +55,9 @@ struct Grid<'a> {
 }
 
 impl<'a> Grid<'a> {
-    fn new(map: &'a EnvironmentMap, dome: &Dome) -> Self {
-        let (width, height) = map.size();
-        // so many a pixel, or so many pixels a place
-        let columns = if width < AROUND { width * AROUND.div_ceil(width) } else { AROUND };
-        let rows = if height < AROUND / 2 { height * (AROUND / 2).div_ceil(height) } else { AROUND / 2 };
+    fn new(map: &'a WithoutSuns, dome: &Dome) -> Self {
+        let columns = map.width * AROUND.div_ceil(map.width);
+        let rows = map.height * (AROUND / 2).div_ceil(map.height);
         let around = (0..columns).map(|column| {
             let longitude = (0.5 - (column as f64 + 0.5) / columns as f64) * TAU;
             let turned = dome.turned(Vec3::new(longitude.sin() as f32, 0.0, longitude.cos() as f32));
@@ -77,33 +75,17 @@ impl<'a> Grid<'a> {
     /// What the places of some rows add to each cell: radiance times solid angle, and solid angle.
     fn sums(&self, sky: &SkyCells, rows: Range<usize>) -> Vec<(Vec3, f32)> {
         let mut sums = vec![(Vec3::ZERO, 0.0); sky.len()];
-        let (width, height) = self.map.size();
+        let WithoutSuns { width, height, ref texels } = *self.map;
+        let across = self.around.len() / width;
         for row in rows {
             let (sin, cos, solid_angle) = self.heights[row];
-            let lines = pixels_of(row, self.heights.len(), height);
+            let line = &texels[row * height / self.heights.len() * width..][..width];
             for (column, &(x, z)) in self.around.iter().enumerate() {
                 let Some(cell) = sky.cell_at(Vec3::new(x * sin, cos, z * sin)) else { continue };
-                let light = self.mean(pixels_of(column, self.around.len(), width), lines.clone());
-                sums[cell].0 += light * solid_angle;
+                sums[cell].0 += line[column / across] * solid_angle;
                 sums[cell].1 += solid_angle;
             }
         }
         sums
     }
-
-    fn mean(&self, columns: Range<usize>, lines: Range<usize>) -> Vec3 {
-        let (mut light, mut total) = (Vec3::ZERO, 0.0);
-        for line in lines {
-            let weight = self.map.solid_angle(line) as f32;
-            light += columns.clone().map(|column| self.map.texel(column, line)).sum::<Vec3>() * weight;
-            total += weight * columns.len() as f32;
-        }
-        light / total
-    }
-}
-
-/// The pixels of a place, of `places` over `pixels` along one side: one, where there are as many places or more.
-fn pixels_of(place: usize, places: usize, pixels: usize) -> Range<usize> {
-    let first = place * pixels / places;
-    first..((place + 1) * pixels / places).max(first + 1)
 }

@@ -31,12 +31,12 @@ pub(super) fn normal_scale(diagonal: f32) -> f32 {
     diagonal / POSITION_WEIGHT
 }
 
-/// The samples' numbers in tree order. Runs of `run` that start at a multiple of it lie together, where `run` is less than all.
+/// The samples' numbers in tree order, with runs as in [`cluster_order`] where their number is no power of four; else their lengths are 1.
 ///
 /// # Errors
 /// [`Error::Cancelled`].
-pub(super) fn order(keys: &[Key], run: usize, progress: &dyn Progress) -> Result<Vec<u32>> {
-    order_of_runs(keys, [run, 1], progress)
+pub(super) fn order(keys: &[Key], lengths: [usize; 2], progress: &dyn Progress) -> Result<Vec<u32>> {
+    order_of_runs(keys, lengths, progress)
 }
 
 /// The numbers of points in an order in which every run of `lengths[0]` that starts at a multiple of it lies together, and so
@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn the_order_is_a_permutation_that_keeps_like_samples_together() {
         let keys = random_keys(4096);
-        let order = order(&keys, 1, &()).unwrap();
+        let order = order(&keys, [1, 1], &()).unwrap();
         let mut sorted = order.clone();
         sorted.sort_unstable();
         assert!(sorted.iter().enumerate().all(|(i, &s)| s == i as u32));
@@ -274,7 +274,7 @@ mod tests {
         for key in &mut keys[..32] {
             key[4] += 100.0;
         }
-        let order = order(&keys, 1, &()).unwrap();
+        let order = order(&keys, [1, 1], &()).unwrap();
         assert!(order[..32].iter().all(|&s| s < 32) || order[..32].iter().all(|&s| s >= 32));
     }
 }

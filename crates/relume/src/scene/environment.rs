@@ -4,11 +4,13 @@ use std::sync::OnceLock;
 use glam::{Vec2, Vec3};
 use xxhash_rust::xxh3::xxh3_64;
 
-use super::suns::{Split, Sun};
+use super::suns::{Split, Sun, WithoutSuns};
 use crate::{Error, Result};
 
 /// Pixels along the longer side at most.
 const LONGEST: usize = 8192;
+/// Largest radiance: sums over all pixels stay finite.
+const BRIGHTEST: f32 = 1e30;
 
 /// Light from all directions: an equirectangular image of radiance, as it is painted on the inside of a sphere.
 ///
@@ -29,7 +31,7 @@ pub struct EnvironmentMap {
     split: OnceLock<Split>,
 }
 
-/// The same pixels, wherever they were read.
+/// The same pixels by the same name.
 impl PartialEq for EnvironmentMap {
     fn eq(&self, other: &Self) -> bool {
         (self.width, self.height, self.hash) == (other.width, other.height, other.hash)
@@ -49,10 +51,13 @@ pub struct EnvironmentSample {
 }
 
 impl EnvironmentMap {
+    /// Pixels a side at most.
+    pub const LONGEST: usize = LONGEST;
+
     /// From rows of radiance (W/(sr m^2), linear RGB), the top one first. `name` is kept as the file's.
     ///
     /// # Errors
-    /// [`Error::Setting`] unless there are `width * height` pixels, 1 to 8192 a side, finite and not negative.
+    /// [`Error::Setting`] unless there are `width * height` pixels, 1 to 8192 a side, each from 0 to 1e30.
     pub fn new(name: impl Into<String>, width: usize, height: usize, texels: Vec<Vec3>) -> Result<Self> {
         let (name, range) = (name.into(), 1..=LONGEST);
         if !range.contains(&width) || !range.contains(&height) || texels.len() != width * height {
@@ -60,10 +65,11 @@ impl EnvironmentMap {
                 "an environment map of {width}x{height} pixels: each side must be 1 to {LONGEST}; scale it down"
             )));
         }
-        let is_light = |texel: &Vec3| texel.is_finite() && texel.min_element() >= 0.0;
+        let is_light =
+            |texel: &Vec3| texel.to_array().iter().all(|channel| (0.0..=BRIGHTEST).contains(channel));
         if let Some(bad) = texels.iter().position(|texel| !is_light(texel)) {
             return Err(Error::Setting(format!(
-                "the environment map's pixel at column {}, row {} is {}: radiance must be finite and not negative",
+                "the environment map's pixel at column {}, row {} is {}: radiance must be 0 to 1e30",
                 bad % width,
                 bad / width,
                 texels[bad]
@@ -111,9 +117,9 @@ impl EnvironmentMap {
         &self.split().suns
     }
 
-    /// The map without them: what was around is in their place.
-    pub fn without_suns(&self) -> &Self {
-        self.split().rest.as_deref().unwrap_or(self)
+    /// The map without them, where what was around is in their place.
+    pub fn without_suns(&self) -> &WithoutSuns {
+        &self.split().rest
     }
 
     fn split(&self) -> &Split {

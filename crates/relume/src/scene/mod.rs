@@ -17,7 +17,7 @@ pub use geometry::Geometry;
 pub use light::{Light, LightKind, LightRig};
 pub use material::{AlphaMode, Material, TextureRef};
 pub use named::{Emitter, MaterialEdit, NamedFault, NamedList};
-pub use suns::Sun;
+pub use suns::{Sun, WithoutSuns};
 pub use texture::{ColorSpace, Texture, Wrap};
 
 use glam::{Affine3A, Vec2, Vec3, Vec4};

@@ -83,6 +83,8 @@ fn form_factors(place: [&[f32]; 3], weighted: [&[f32]; 3], position: Vec3, norma
         let cos_patch = -(dx * nx[i] + dy * ny[i] + dz * nz[i]);
         let above = if cos_view > 0.0 { cos_view } else { 0.0 };
         let facing = if cos_patch > 0.0 { cos_patch } else { 0.0 };
-        out[i] = above * facing / (square * square);
+        // squares of the squares of far distances would be past the range of f32
+        let inverse = 1.0 / square;
+        out[i] = (above * inverse) * (facing * inverse);
     }
 }

@@ -116,7 +116,7 @@ impl<'a> Preparation<'a> {
             scene_hash: scene_hash(self.scene, &geometry, &camera),
             triangles: geometry.triangles.len() as u64,
             rays_per_pixel: gather.rays as f64 / lit,
-            rays_per_gather_sample: bounce.rays as f64 / cloud.len() as f64,
+            rays_per_gather_sample: bounce.rays as f64 / cloud.surfaces().len() as f64,
             gather_error: gather.operator.expected_error,
             glossy_error: gather.glossy.as_ref().map(|glossy| glossy.expected_error),
             bounce_error: bounce.operator.expected_error,

@@ -447,7 +447,8 @@ fn geometry_factors_of(p: [&[f32]; 3], n: [&[f32]; 3], x: [f32; 3], normal: [f32
         let cos_hit = -(dx * normal[0] + dy * normal[1] + dz * normal[2]);
         let above = if cos_point > 0.0 { cos_point } else { 0.0 };
         let facing = if cos_hit > 0.0 { cos_hit } else { 0.0 };
-        out[i] = above * facing / (square * square);
+        let inverse = 1.0 / square;
+        out[i] = (above * inverse) * (facing * inverse);
     }
 }
 

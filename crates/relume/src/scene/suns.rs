@@ -3,7 +3,6 @@
 //! The cells of the sky are some degrees wide, and so are the shadows of what they hold. What is smaller and brings a good part of the light is
 //! taken out of the map and becomes a disc that casts shadows by rays; what is left, is smooth enough for the cells.
 
-use std::collections::HashSet;
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
@@ -59,13 +58,10 @@ impl Split {
             (0..width * height).map(|texel| map.texel(texel % width, texel / width)).collect();
         let pixels = Pixels { map, width, height };
         let total: f64 = texels.iter().enumerate().map(|(texel, light)| pixels.power(texel, *light)).sum();
-        let (mut suns, mut passed) = (Vec::new(), HashSet::new());
+        let (mut suns, mut passed) = (Vec::new(), vec![false; texels.len()]);
         for _ in 0..TRIES {
-            let Some(place) = pixels.brightest(&texels, &passed) else { break };
-            match pixels.take_sun(&place, &mut texels, LEAST * total) {
-                Some(sun) => suns.push(sun),
-                None => passed.extend(place.region),
-            }
+            let Some(place) = pixels.brightest(&texels, &mut passed) else { break };
+            suns.extend(pixels.take_sun(&place, &mut texels, LEAST * total));
             if suns.len() == MOST {
                 break;
             }
@@ -74,11 +70,11 @@ impl Split {
     }
 }
 
-/// Pixels that belong together, and those around.
+/// Pixels that belong together, and those around; both cut short where they are too many for a sun.
 struct Place {
     region: Vec<usize>,
     border: Vec<usize>,
-    /// Steradians; of a place that is too wide, of a part of it.
+    /// Steradians.
     solid_angle: f64,
 }
 
@@ -106,33 +102,38 @@ impl Pixels<'_> {
         })
     }
 
-    /// The brightest pixel that was not `passed` by and what is about as bright around it; `None` where all is black.
-    fn brightest(&self, texels: &[Vec3], passed: &HashSet<usize>) -> Option<Place> {
+    /// The brightest pixel that was not `passed` by and what is about as bright around it, which is passed by from now on; `None` where all is
+    /// black.
+    fn brightest(&self, texels: &[Vec3], passed: &mut [bool]) -> Option<Place> {
         let brightness = |texel: usize| texels[texel].element_sum();
-        let left = (0..texels.len()).filter(|texel| !passed.contains(texel));
+        let left = (0..texels.len()).filter(|&texel| !passed[texel]);
         let brightest = left.max_by(|&a, &b| brightness(a).total_cmp(&brightness(b)))?;
         let rim = RIM * brightness(brightest);
         if rim <= 0.0 {
             return None;
         }
-        let mut place =
-            Place { region: vec![brightest], border: Vec::new(), solid_angle: self.solid_angle(brightest) };
-        let mut known = HashSet::from([brightest]);
-        let mut next = 0;
-        while next < place.region.len() && place.solid_angle <= LARGEST {
-            for texel in self.neighbours(place.region[next]) {
-                if !known.insert(texel) {
-                    continue;
-                }
-                if brightness(texel) >= rim {
-                    place.solid_angle += self.solid_angle(texel);
-                    place.region.push(texel);
-                } else {
-                    place.border.push(texel);
+        let mut place = Place { region: Vec::new(), border: Vec::new(), solid_angle: 0.0 };
+        passed[brightest] = true;
+        let mut waiting = vec![brightest];
+        while let Some(texel) = waiting.pop() {
+            place.solid_angle += self.solid_angle(texel);
+            let small = place.solid_angle <= LARGEST;
+            if small {
+                place.region.push(texel);
+            }
+            for near in self.neighbours(texel).filter(|&near| near != texel) {
+                if brightness(near) < rim {
+                    if small {
+                        place.border.push(near);
+                    }
+                } else if !std::mem::replace(&mut passed[near], true) {
+                    waiting.push(near);
                 }
             }
-            next += 1;
         }
+        // a pixel may lie beside several
+        place.border.sort_unstable();
+        place.border.dedup();
         Some(place)
     }
 
@@ -239,7 +240,7 @@ mod tests {
     #[test]
     fn suns_are_found_beside_each_other_at_the_pole_and_behind_brighter_windows() {
         let (side, pole, window) = (Vec3::new(0.6, 0.8, 0.0), Vec3::Y, Vec3::new(0.0, 0.0, 1.0));
-        let map = discs(&[(side, 0.9997, 2500.0), (pole, 0.9997, 2000.0), (window, 0.99, 2600.0)]);
+        let map = discs(&[(side, 0.9997, 2500.0), (pole, 0.9997, 2400.0), (window, 0.99, 2600.0)]);
         let suns = map.suns();
         assert_eq!(suns.len(), 2, "{suns:?}");
         assert!(suns[0].direction.distance(side) < 0.01 && suns[1].direction.distance(pole) < 0.01);

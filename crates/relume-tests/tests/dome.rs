@@ -233,7 +233,8 @@ fn the_arcade_under_its_sky_agrees_with_the_path_tracer() {
         };
         let (right, wrong) = (errors(which), errors(1 - which));
         println!("direct and indirect {right:.4?}, turned otherwise {wrong:.4?}");
-        assert!(right[0] < 0.1 && right[1] < 0.15, "{right:?}");
+        // measured 0.032 and 0.031, 0.104 and 0.103
+        assert!(right[0] < 0.05 && right[1] < 0.13, "{right:?}");
         assert!(wrong.iter().all(|&error| error > 0.3), "{wrong:?}");
     }
 }

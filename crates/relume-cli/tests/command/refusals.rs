@@ -66,14 +66,28 @@ fn domes_that_cannot_shine_are_told() {
         );
     }
     work.write("dome.toml", b"[[light]]\nname = \"sky\"\ntype = \"dome\"\n");
-    let ran = work.succeed(&with(&RELIGHT, "rig.toml", "dome.toml"));
-    assert!(ran.stderr.contains("dome light `sky` adds nothing"), "{}", ran.stderr);
-    let told = work.succeed(&["info", "room.relume"]).stdout;
-    assert!(told.contains("none of the sky, which does not show"), "{told}");
+    let relight = with(&RELIGHT, "rig.toml", "dome.toml");
+    let nothing = "dome light `sky` adds nothing";
+    assert!(!work.succeed(&relight).stderr.contains(nothing), "the room is open");
     let small = ["--size", "16x12", "--gather", "256", "--quality", "draft"];
+    // closed by a ceiling and two more walls
+    let mut closed: serde_json::Value = serde_json::from_slice(&work.read("room.gltf")).unwrap();
+    for (mesh, moved) in [(0, [0, 3, 0]), (1, [0, 0, 4]), (2, [4, 0, 0])] {
+        let nodes = closed["nodes"].as_array_mut().unwrap();
+        nodes.push(serde_json::json!({"mesh": mesh, "translation": moved}));
+        let number = nodes.len() - 1;
+        closed["scenes"][0]["nodes"].as_array_mut().unwrap().push(number.into());
+    }
+    work.write("closed.gltf", closed.to_string().as_bytes());
+    work.succeed(
+        &[&["prepare", "closed.gltf", "-o", "closed.relume", "--camera", "close"], &small[..]].concat(),
+    );
+    let ran = work.succeed(&with(&relight, "room.relume", "closed.relume"));
+    assert!(ran.stderr.contains(nothing), "{}", ran.stderr);
+    let told = work.succeed(&["info", "closed.relume"]).stdout;
+    assert!(told.contains("none of the sky, which does not show"), "{told}");
     work.succeed(&[&["prepare", "room.gltf", "-o", "blind.relume", "--no-sky"], &small[..]].concat());
-    let blind = with(&with(&RELIGHT, "rig.toml", "dome.toml"), "room.relume", "blind.relume");
-    work.refused(&blind, 2, "prepare it again without --no-sky");
+    work.refused(&with(&relight, "room.relume", "blind.relume"), 2, "prepare it again without --no-sky");
     for (error, told) in [("0", "from 0.1 to 100"), ("nan", "from 0.1 to 100"), ("five", "such as 4")] {
         work.refused(&["prepare", "room.gltf", "--error", error], 2, told);
     }

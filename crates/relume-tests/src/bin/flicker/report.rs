@@ -103,7 +103,7 @@ impl Exact {
         ([Row::new("exact", &exact, largest_pixel(&figures::mean(a, b))), with_grain], lost)
     }
 
-    /// Standard error of the root mean square of the second difference.
+    /// See [`rms_uncertainty`].
     pub(crate) fn uncertainty(&self) -> f64 {
         let [a, b] = &self.halves;
         rms_uncertainty(a, b)
@@ -136,7 +136,7 @@ impl Report {
             "# Flicker\n\n    {command}\n\n{}, {width}x{height}, {} gather samples, quality {}, {steps} steps. Indirect light of one bounce, \
              without reflections. The second difference over time of the image, root mean square over pixels, linear RGB, relative to the \
              image's own, in percent. *Exact* is the product of two independent sets of {} rays from each pixel, which is free of their grain \
-             on average; its rms is uncertain by {}, and after {} of the steps it is lost in the grain and counts as 0. *Of the error* is the same of the \
+             on average; its rms is uncertain by {} for want of more rays, and after {} of the steps it is lost in the grain and counts as 0. *Of the error* is the same of the \
              difference between relit and exact images: what moves and should not, or should and does not. Errors of images are relative L2; \
              in both the grain is taken out.\n\n{}\n![second difference by step](flicker.svg)\n",
             self.scene,

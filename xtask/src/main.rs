@@ -2,7 +2,7 @@
 
 mod ci;
 mod deny;
-mod quality;
+mod measurement;
 mod scenes;
 mod structure;
 mod test;
@@ -33,6 +33,13 @@ enum Task {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         arguments: Vec<String>,
     },
+    /// Measure how much indirect light flickers while a spot moves; `cargo xtask flicker --help` says how.
+    #[command(disable_help_flag = true)]
+    Flicker {
+        /// Passed on to the measuring program.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<String>,
+    },
     /// Make the demo scene in assets/.
     Scenes {
         /// Write nothing; fail where the committed file differs.
@@ -54,7 +61,8 @@ enum Task {
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().task {
         Task::Test { arguments } => test::run(&arguments),
-        Task::Quality { arguments } => quality::run(&arguments),
+        Task::Quality { arguments } => measurement::run("quality", &arguments),
+        Task::Flicker { arguments } => measurement::run("flicker", &arguments),
         Task::Scenes { check } => scenes::run(check),
         Task::Structure => structure::run(),
         Task::Deny => deny::run(),

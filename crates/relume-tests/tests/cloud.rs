@@ -6,6 +6,7 @@ use relume::sample::{
     illuminate,
 };
 use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef, Wrap};
+use relume::shade::{PreparedLight, shadow_ray};
 use relume::trace::sampling::{hash, unit};
 use relume::trace::{Hit, Ray};
 use relume::{Error, Light};
@@ -131,6 +132,55 @@ fn sub_samples_share_their_patch() {
         assert!(close(sample), "{middle} {}", sample.position);
         let elsewhere = cloud.samples.iter().filter(|sample| close(sample)).count();
         assert!(elsewhere < cloud.len() / 10, "close to {elsewhere} samples");
+    }
+}
+
+/// With one sub-sample a patch is lit as its own shadow ray says; with four, nearly always as theirs do.
+#[test]
+fn fewer_sub_samples_are_lit_as_their_own_rays_say() {
+    let built = box_room();
+    let all = gather(&built, 4096, 0).unwrap().0;
+    let lamp = Light {
+        name: "lamp".into(),
+        enabled: true,
+        kind: omni(Vec3::new(3.2, 2.1, 3.0), Vec3::splat(9.0), 0.0),
+    };
+    let light = PreparedLight::new(&lamp);
+    let lit = |sub: &SubSample| {
+        let (position, normal) = (sub.position, sub.normal.get());
+        let sample = light.sample(position, Vec2::ZERO).expect("the lamp shines everywhere");
+        let cosine = normal.dot(sample.direction);
+        if sub.weight() == 0.0
+            || cosine <= 0.0
+            || built.accel.occluded(&shadow_ray(position, normal, &sample))
+        {
+            return Vec3::ZERO;
+        }
+        sub.albedo.get() * sample.irradiance * (cosine * sub.weight() * std::f32::consts::FRAC_1_PI)
+    };
+    let unlike = |fewer: &GatherCloud, by: &GatherCloud| {
+        let found = illuminate(fewer, &built.accel, &lamp).radiance;
+        let expected = by.sub_samples.chunks_exact(SUB_SAMPLES).map(|patch| patch.iter().map(lit).sum());
+        found.iter().zip(expected).filter(|(found, expected)| !found.abs_diff_eq(*expected, 1e-5)).count()
+    };
+    let fewer = |count| all.with_sub_samples(count).unwrap();
+    let (four, one) = (fewer(4), fewer(1));
+    assert_eq!(unlike(&one, &one), 0);
+    let missed = unlike(&four, &four);
+    println!("{missed} of {} patches miss a shadow's edge", all.len());
+    assert!(missed < all.len() / 100, "{missed}");
+    // others' light is not theirs: at edges of shadows the four and the one differ
+    assert!(unlike(&one, &four) > all.len() / 20);
+    // and no light is lost: patches add up alike
+    let power = |cloud: &GatherCloud| -> f32 {
+        let lit = illuminate(cloud, &built.accel, &lamp).radiance;
+        cloud.samples.iter().zip(lit).map(|(sample, radiance)| sample.area * radiance.element_sum()).sum()
+    };
+    let whole = power(&all);
+    for (cloud, off) in [(&four, 0.005), (&one, 0.01)] {
+        let ratio = power(cloud) / whole;
+        println!("carries {ratio}");
+        assert!((ratio - 1.0).abs() < off, "{ratio}");
     }
 }
 

@@ -3,6 +3,9 @@
 //! All sub-samples of a patch are shaded without shadow (cone, cosine, albedo); visibility is asked for twice a patch
 //! and, where the answers of neighbours in the cluster tree disagree, or the patch is only partly lit, once for each
 //! quarter of the patch. A light with extent always takes the four rays, each towards its own point of the light.
+//!
+//! A quarter without sub-samples is not lit, and a patch with such a quarter only partly so: where one sub-sample speaks for a
+//! patch ([`GatherCloud::with_sub_samples`]), its own ray decides.
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;

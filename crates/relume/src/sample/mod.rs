@@ -11,6 +11,7 @@ mod sightings;
 mod sky;
 mod sky_light;
 mod speakers;
+mod sub_samples;
 mod tree;
 mod view;
 

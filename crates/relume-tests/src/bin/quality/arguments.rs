@@ -6,7 +6,8 @@ use clap::{Parser, ValueEnum};
 use relume::reference::{MAX_BOUNCE_IMAGES, Paths};
 use relume::transfer::{Encoding, Multibounce, PhotonSettings, Quality, RowMethod, Selection, Settings};
 use relume::{Error, Result};
-use serde::de::DeserializeOwned;
+pub(crate) use relume_tests::command_line::name_of;
+use relume_tests::command_line::{gather_count, image_size, named};
 use serde::{Deserialize, Serialize};
 
 /// Measure how far relit images are from converged path tracing, and write the table, plots and pictures.
@@ -225,32 +226,6 @@ pub(crate) fn no_folder(folder: &Path, argument: &str) -> Error {
     Error::file(folder, format!("there is no such folder; name another one with {argument}"))
 }
 
-/// The command line to repeat a run by, with the last parts of absolute paths alone: folders of one machine mean nothing
-/// on another.
-pub(crate) fn command(arguments: impl Iterator<Item = String>) -> String {
-    let last_part = |text: &str| {
-        let path = Path::new(text);
-        let name = path.file_name().filter(|_| path.is_absolute());
-        name.map_or_else(|| text.to_owned(), |name| name.to_string_lossy().into_owned())
-    };
-    let shown = arguments.map(|argument| match argument.split_once('=') {
-        Some((name, value)) => format!("{name}={}", last_part(value)),
-        None => last_part(&argument),
-    });
-    std::iter::once("cargo xtask quality".to_owned()).chain(shown).collect::<Vec<_>>().join(" ")
-}
-
-/// A setting by the name it has in files.
-fn named<T: DeserializeOwned>(text: &str) -> Result<T, String> {
-    serde_json::from_value(text.into()).map_err(|error| error.to_string())
-}
-
-/// The name a setting has in files.
-pub(crate) fn name_of(setting: &impl Serialize) -> String {
-    let value = serde_json::to_value(setting).unwrap_or_default();
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
-}
-
 /// What the tables call a preparation: its encoding, its selection where that is not the encoding's own, and how light bounces where that
 /// is not the usual way.
 pub(crate) fn label(settings: &Settings) -> String {
@@ -271,19 +246,6 @@ pub(crate) fn paths_name(paths: Paths) -> &'static str {
         Paths::Transfer => "transfer",
         Paths::DiffuseTransfer => "diffuse",
     }
-}
-
-fn image_size(text: &str) -> Result<(usize, usize), String> {
-    let side = |side: &str| side.parse().ok().filter(|side| (1..=16_384).contains(side));
-    text.split_once(['x', 'X'])
-        .and_then(|(width, height)| Some((side(width)?, side(height)?)))
-        .ok_or_else(|| "write WIDTHxHEIGHT in pixels, each 1 to 16384, as 640x480".to_owned())
-}
-
-fn gather_count(text: &str) -> Result<usize, String> {
-    let is_count = |count: &usize| (256..=1 << 20).contains(count) && count.is_power_of_two();
-    let count = text.parse().ok().filter(is_count).filter(|count| count.trailing_zeros() % 2 == 0);
-    count.ok_or_else(|| "must be a power of four from 256 to 1048576".to_owned())
 }
 
 fn bounces(text: &str) -> Result<Bounces, String> {
@@ -322,13 +284,6 @@ mod tests {
         ] {
             assert!(wrong(argument), "{argument}");
         }
-    }
-
-    #[test]
-    fn commands_name_no_folder_of_this_machine() {
-        let line = ["sponza", "--scenes", "/a/b/scenes", "--out=/tmp/x", "--rigs", "assets/rigs"];
-        let shown = command(line.iter().map(|&argument| argument.to_owned()));
-        assert_eq!(shown, "cargo xtask quality sponza --scenes scenes --out=x --rigs assets/rigs");
     }
 
     #[test]

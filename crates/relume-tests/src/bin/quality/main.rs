@@ -11,7 +11,6 @@ mod memory;
 mod pictures;
 mod plot;
 mod preparations;
-mod progress;
 mod references;
 mod report;
 mod shot;
@@ -26,14 +25,16 @@ use std::process::ExitCode;
 use clap::Parser;
 use relume::reference::Paths;
 use relume::transfer::Settings;
-use relume::{Error, Progress, Relighter, Result, atomic_write};
+use relume::{Error, Progress, Relighter, Result};
 use relume_io::rig_to_toml;
+use relume_tests::command_line::command;
+use relume_tests::progress::{self, Job, say};
+use relume_tests::reports::write_text;
 
 use arguments::{Arguments, Bounces, label, paths_name};
 use figures::{Column, Errors, LightErrors, Summary, relight};
 use lights::Case;
 use pictures::Sheet;
-use progress::{Job, say};
 use references::{ReferenceSettings, References};
 use report::{EncodingReport, LightReport, Report, SceneReport};
 use shot::Shot;
@@ -96,12 +97,9 @@ fn run(arguments: &Arguments) -> Result<()> {
 }
 
 fn write_report(report: &Report, folder: &Path) -> Result<()> {
-    let page = table::page(report, &arguments::command(std::env::args().skip(1)));
+    let page = table::page(report, &command("quality", std::env::args().skip(1)));
     for (name, text) in [("quality.md", page), ("quality.json", json(report)?)] {
-        let path = folder.join(name);
-        atomic_write(&path, |file| {
-            file.write_all(text.as_bytes()).map_err(|error| Error::io(&path, "write", error))
-        })?;
+        write_text(&folder.join(name), &text)?;
     }
     Ok(())
 }

@@ -1,6 +1,5 @@
 //! Error against size, one scene a plot.
 
-use std::io::Write;
 use std::path::Path;
 
 use plotters::backend::SVGBackend;
@@ -8,23 +7,14 @@ use plotters::chart::{ChartBuilder, SeriesLabelPosition};
 use plotters::drawing::IntoDrawingArea;
 use plotters::element::{Circle, PathElement};
 use plotters::series::{LineSeries, PointSeries};
-use plotters::style::{BLACK, Color, IntoFont, RGBColor, WHITE};
-use relume::{Error, Result, atomic_write};
+use plotters::style::{BLACK, Color, IntoFont, WHITE};
+use relume::{Error, Result};
+use relume_tests::reports::{COLORS, write_text};
 
 use crate::report::SceneReport;
 
 /// Width and height of a plot, pixels.
 const SIZE: (u32, u32) = (640, 420);
-/// Colours told apart by people who see few, after Okabe and Ito, "Color Universal Design", 2008.
-const COLORS: [RGBColor; 6] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(230, 159, 0),
-    RGBColor(86, 180, 233),
-];
-
 /// One encoding's mark: errors in percent.
 #[derive(Clone, Debug, PartialEq)]
 struct Mark {
@@ -38,11 +28,11 @@ struct Mark {
 /// as a full point, the worst as a ring, and a line between them. Shows the first truth and the last number of bounces.
 ///
 /// # Errors
-/// As [`atomic_write`].
+/// As [`write_text`].
 pub(crate) fn write(scene: &SceneReport, path: &Path) -> Result<()> {
     let svg = draw(&scene.name, &marks(scene))
         .map_err(|error| Error::Setting(format!("{} cannot be drawn: {error}", path.display())))?;
-    atomic_write(path, |file| file.write_all(svg.as_bytes()).map_err(|error| Error::io(path, "write", error)))
+    write_text(path, &svg)
 }
 
 fn marks(scene: &SceneReport) -> Vec<Mark> {

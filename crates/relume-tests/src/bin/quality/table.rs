@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use relume_tests::reports::table;
+
 use crate::arguments::name_of;
 use crate::figures::Column;
 use crate::pictures::CAPTION;
@@ -185,16 +187,6 @@ fn percent(value: Option<f64>) -> String {
 fn worst(spread: &Option<Spread>) -> String {
     let named = |spread: &Spread| format!("{} ({})", percent(Some(spread.worst)), spread.worst_light);
     spread.as_ref().map_or("-".to_owned(), named)
-}
-
-fn table(header: &[&str], rows: &[Vec<String>]) -> String {
-    let mut text = format!("| {} |\n|{}\n", header.join(" | "), "---|".repeat(header.len()));
-    for row in rows {
-        // a light's name may hold anything
-        let cells: Vec<_> = row.iter().map(|cell| cell.replace('|', "\\|").replace('\n', " ")).collect();
-        let _ = writeln!(text, "| {} |", cells.join(" | "));
-    }
-    text
 }
 
 #[cfg(test)]

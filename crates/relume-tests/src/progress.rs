@@ -13,7 +13,7 @@ const BETWEEN_LINES: Duration = Duration::from_secs(10);
 const PART: f64 = 1000.0;
 
 /// One job of some parts of like length, each of which is a stage of the library's. Ends when dropped.
-pub(crate) struct Job {
+pub struct Job {
     state: Mutex<State>,
 }
 
@@ -33,12 +33,12 @@ struct State {
 
 impl Job {
     /// A job of `parts` stages.
-    pub(crate) fn new(name: impl Into<String>, parts: u64) -> Self {
+    pub fn new(name: impl Into<String>, parts: u64) -> Self {
         Self { state: Mutex::new(State::new(name.into(), parts, false)) }
     }
 
     /// A job whose stages differ: each has a time left of its own.
-    pub(crate) fn by_stage(name: impl Into<String>) -> Self {
+    pub fn by_stage(name: impl Into<String>) -> Self {
         Self { state: Mutex::new(State::new(name.into(), 1, true)) }
     }
 }
@@ -127,7 +127,7 @@ fn bar(name: &str, parts: u64) -> ProgressBar {
 }
 
 /// Seconds as people say them.
-pub(crate) fn duration(seconds: f64) -> String {
+pub fn duration(seconds: f64) -> String {
     if seconds < 100.0 {
         format!("{seconds:.1} s")
     } else if seconds < 5400.0 {
@@ -138,7 +138,7 @@ pub(crate) fn duration(seconds: f64) -> String {
 }
 
 /// A line on stderr; when nobody listens there, there is nobody to tell.
-pub(crate) fn say(line: &str) {
+pub fn say(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 

@@ -1,102 +1,22 @@
 //! The gather cloud: points on all surfaces that can light the view samples.
 
-use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::cells::Facet;
 use super::refine::{Cuts, Part, Refinement};
-use super::sightings::{Sightings, side_of};
+use super::sightings::Sightings;
 use super::sky::{SKY_SHARE, SkyCells, SkySightings, SkySphere};
 use super::speakers::Speaker;
-use super::{PackedNormal, PackedUnit, reach, tree};
+use super::{
+    CellMap, DiffusePart, Emitted, GatherSample, PackedNormal, PackedUnit, SUB_SAMPLES, SubSample, TARGETS,
+    reach, tree,
+};
 use crate::progress::Progress;
 use crate::scene::{Geometry, Scene};
-use crate::trace::sampling::{cosine_hemisphere, hash};
-use crate::trace::{Accel, Hit, Ray, offset_origin};
+use crate::trace::sampling::hash;
+use crate::trace::{Accel, Hit, offset_origin};
 use crate::{Error, Result};
-
-/// Sub-samples a gather sample: points spread over the patch it stands for. More would resolve light's edges on the
-/// cloud better and flicker less under a moving light, for as much more shading (not more shadow rays).
-pub const SUB_SAMPLES: usize = 16;
-
-/// A point that stands for a patch of surface.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct GatherSample {
-    /// Metres, world space; the sub-sample nearest to the patch's middle. Of the sky: in the middle of its cell, on a sphere a thousand
-    /// times as far away as the scene is large.
-    pub position: Vec3,
-    /// Square metres; of the sky, on that sphere.
-    pub area: f32,
-    /// Unit, world space, on the side that the sample stands for.
-    pub normal: Vec3,
-    /// Triangle that `position` lies on; `u32::MAX` of the sky.
-    pub triangle: u32,
-    /// Mean over the patch of the hemispherical reflectance.
-    pub albedo: Vec3,
-    /// Padding; zero.
-    pub reserved: u32,
-    /// Mean over the patch of the emitted radiance, W/(sr m^2).
-    pub emission: Vec3,
-    /// Padding; zero.
-    pub reserved2: u32,
-}
-
-/// One of the points spread over a gather sample's patch.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct SubSample {
-    /// Metres, world space, on the surface.
-    pub position: Vec3,
-    /// The triangle's normal, on the side that the sample stands for.
-    pub normal: PackedNormal,
-    /// Hemispherical reflectance.
-    pub albedo: PackedUnit,
-    /// Share of the patch's light that it stands for, `65535` is all of it; 0 fills up a patch that has fewer.
-    pub(super) weight: u16,
-}
-
-impl SubSample {
-    /// Share of the patch that it stands for, `0..=1`.
-    pub fn weight(&self) -> f32 {
-        f32::from(self.weight) * (1.0 / 65535.0)
-    }
-}
-
-/// How a sub-sample's albedo follows its material's base colour.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct DiffusePart {
-    /// What the diffuse lobe adds to the albedo under a white base colour factor.
-    pub white: PackedUnit,
-    /// The material's index, its lower half first: whole numbers of 32 bits would leave gaps.
-    material: [u16; 2],
-}
-
-impl DiffusePart {
-    /// From its parts.
-    pub fn new(white: PackedUnit, material: u32) -> Self {
-        Self { white, material: [material as u16, (material >> 16) as u16] }
-    }
-
-    /// Index of the material.
-    pub fn material(&self) -> u32 {
-        u32::from(self.material[0]) | u32::from(self.material[1]) << 16
-    }
-}
-
-/// What one material emits on a gather sample's patch.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct Emitted {
-    /// Index of the gather sample.
-    pub sample: u32,
-    /// Index of the material.
-    pub material: u32,
-    /// Mean over the whole patch, W/(sr m^2).
-    pub radiance: Vec3,
-}
 
 /// Gather samples in the order of the cluster tree (which is the Morton order of the flattened gather image), with
 /// [`SUB_SAMPLES`] sub-samples each.
@@ -138,59 +58,6 @@ pub struct CloudSettings {
     pub sky: bool,
     /// Of all random numbers.
     pub seed: u32,
-}
-
-/// Points spread over the area of each cell, towards which rays ask whether it is visible.
-pub const TARGETS: usize = 16;
-
-/// The cells that gather samples stand for; needed for preparation only.
-#[derive(Clone, Debug, Default)]
-pub struct CellMap {
-    cuts: Cuts,
-    /// [`TARGETS`] points for each gather sample, uniform over the area of its cell, lifted off the surface.
-    pub targets: Vec<Vec3>,
-    /// The surface's normal at each of `targets`, on the side that is lifted from.
-    pub target_normals: Vec<PackedNormal>,
-    /// For each gather sample, the middle of its cell's area and the mean normal, which is shorter than 1 where the cell is
-    /// bent: where form factors are taken. The sample itself lies in the middle of what is seen, nearer to who sees it.
-    pub middles: Vec<(Vec3, Vec3)>,
-    sky: SkyCells,
-    sphere: SkySphere,
-}
-
-impl CellMap {
-    /// The gather sample that stands for where a ray of direction `direction` hit, seen from where the ray came from;
-    /// `None` where no sample stands (the ray missed and there are none of the sky, or this side of the surface is never seen).
-    pub fn sample_at(&self, geometry: &Geometry, hit: &Hit, direction: Vec3) -> Option<usize> {
-        if !hit.is_hit() {
-            let cell = self.sky.cell_at(direction)?;
-            return Some(self.middles.len() - self.sky.len() + cell);
-        }
-        let side = side_of(geometry, hit, direction);
-        self.cuts.cell_at(geometry, side, Vec2::new(hit.u, hit.v)).map(|cell| cell as usize)
-    }
-
-    /// A ray that light from a gather sample takes, and where on the sample it starts is one of `targets`: at random by cosine, from the sky
-    /// towards the scene. `random` is in `[0, 1)^2`.
-    pub(crate) fn emitted(&self, sample: usize, target: usize, random: Vec2) -> Ray {
-        let place = sample * TARGETS + target;
-        if sample < self.middles.len() - self.sky.len() {
-            let normal = self.target_normals[place].get();
-            Ray::new(self.targets[place], cosine_hemisphere(normal, random))
-        } else {
-            self.sphere.ray_from(self.targets[place], random)
-        }
-    }
-
-    /// What a gather sample of an area, square metres, sends along such rays at radiance 1, over pi; square metres.
-    pub(crate) fn flux(&self, sample: usize, area: f32) -> f32 {
-        if sample < self.middles.len() - self.sky.len() { area } else { self.sphere.flux(area) }
-    }
-
-    /// How far away the sky's samples are, metres.
-    pub(crate) fn sky_distance(&self) -> f32 {
-        self.sphere.radius
-    }
 }
 
 /// What a cell takes where a ray is one step of making a cloud: to be parted coarsely, to be parted for good, to have its

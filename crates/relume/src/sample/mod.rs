@@ -1,7 +1,9 @@
 //! What is lit: view samples (what the camera sees) and the gather cloud (what can light it).
 
+mod cell_map;
 mod cells;
 mod cloud;
+mod gather_sample;
 mod illumination;
 mod packed;
 mod reach;
@@ -15,10 +17,9 @@ mod sub_samples;
 mod tree;
 mod view;
 
-pub use cloud::{
-    CellMap, CloudMethod, CloudSettings, DiffusePart, Emitted, GatherCloud, GatherSample, SUB_SAMPLES,
-    SubSample, TARGETS,
-};
+pub use cell_map::{CellMap, TARGETS};
+pub use cloud::{CloudMethod, CloudSettings, GatherCloud};
+pub use gather_sample::{DiffusePart, Emitted, GatherSample, SUB_SAMPLES, SubSample};
 pub use illumination::{CloudLight, illuminate};
 pub use packed::{PackedNormal, PackedUnit};
 pub use receivers::{Gloss, Receiver, Receivers};

@@ -1,7 +1,7 @@
 //! Files for Relume: glTF and OBJ in, EXR and PNG out, light rigs.
 
 mod environment_file;
-mod exr_file;
+pub mod exr_file;
 mod image_file;
 pub mod png_file;
 pub mod rig;

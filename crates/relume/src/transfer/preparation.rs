@@ -84,7 +84,7 @@ impl<'a> Preparation<'a> {
     /// Does it, on the current rayon thread pool. The result does not depend on the number of threads.
     ///
     /// # Errors
-    /// [`Error::Setting`] for settings out of range and scenes with nothing to relight; [`Error::Cancelled`].
+    /// [`crate::Error::Setting`] for settings out of range and scenes with nothing to relight; [`crate::Error::Cancelled`].
     pub fn run(self, progress: &dyn Progress) -> Result<Transfer> {
         let camera = self.settings.check(self.scene)?.clone();
         let began = Instant::now();

@@ -49,7 +49,8 @@ fn draw(title: &str, rows: &[Row]) -> Result<String, Box<dyn std::error::Error>>
             .x_desc("step")
             .y_desc("relative to the image, %")
             .x_label_formatter(&|step| format!("{step:.0}"))
-            .y_label_formatter(&|percent| format!("{percent}"))
+            // without the last bits of decimal fractions
+            .y_label_formatter(&|percent| format!("{}", (percent * 1e4).round() / 1e4))
             .label_style(("sans-serif", 13).into_font())
             .light_line_style(WHITE)
             .draw()?;

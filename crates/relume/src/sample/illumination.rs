@@ -2,7 +2,8 @@
 //!
 //! All sub-samples of a patch are shaded without shadow (cone, cosine, albedo); visibility is asked for twice a patch
 //! and, where the answers of neighbours in the cluster tree disagree, or the patch is only partly lit, once for each
-//! quarter of the patch. A light with extent always takes the four rays, each towards its own point of the light.
+//! quarter of the patch; where these disagree, once for each sub-sample: a shadow's edge that moves over a patch then darkens it in sixteen
+//! steps, not in four. A light with extent always takes the four rays, each towards its own point of the light.
 //!
 //! A quarter without sub-samples is not lit, and a patch with such a quarter only partly so: where one sub-sample speaks for a
 //! patch ([`GatherCloud::with_sub_samples`]), its own ray decides.
@@ -16,7 +17,7 @@ use crate::shade::{self, PreparedLight};
 use crate::trace::sampling::{hash, sobol_2d};
 use crate::trace::{Accel, Ray};
 
-/// Sub-samples that share one shadow ray after refinement.
+/// Sub-samples that share one shadow ray where a patch is asked for by quarters.
 const QUARTER: usize = SUB_SAMPLES / 4;
 /// Patches whose visibility is compared: siblings in the cluster tree.
 const NEIGHBOURS: usize = 16;
@@ -151,7 +152,8 @@ impl<'a> Chunk<'a> {
         found
     }
 
-    /// A ray for each lit quarter of each of `patches`.
+    /// A ray for each lit quarter of each of `patches`. Where their answers differ, a shadow's edge lies across the patch, and each lit sub-sample
+    /// asks for itself.
     fn quarter_rays(&mut self, patches: &[usize], radiance: &mut [Vec3]) {
         let lit: Vec<(usize, usize)> = patches
             .iter()
@@ -162,8 +164,45 @@ impl<'a> Chunk<'a> {
         let mut hidden = vec![false; rays.len()];
         self.accel.occluded_batch(&rays, &mut hidden);
         self.rays += rays.len() as u64;
-        for (&(patch, quarter), _) in lit.iter().zip(&hidden).filter(|&(_, &hidden)| !hidden) {
-            radiance[patch] += self.quarters[patch][quarter];
+        let mut divided = Vec::new();
+        let mut answers = lit.iter().zip(&hidden).peekable();
+        while let Some(&(&(patch, _), _)) = answers.peek() {
+            let (mut light, mut seen, mut asked) = (Vec3::ZERO, 0, 0);
+            while let Some((&(_, quarter), &hidden)) = answers.next_if(|((other, _), _)| *other == patch) {
+                asked += 1;
+                if !hidden {
+                    seen += 1;
+                    light += self.quarters[patch][quarter];
+                }
+            }
+            if seen == 0 || seen == asked || self.light.needs_samples() {
+                radiance[patch] = light;
+            } else {
+                divided.push(patch);
+            }
+        }
+        self.single_rays(&divided, radiance);
+    }
+
+    /// A ray for each lit sub-sample of each of `patches`.
+    fn single_rays(&mut self, patches: &[usize], radiance: &mut [Vec3]) {
+        let (mut asked, mut rays) = (Vec::new(), Vec::new());
+        for &patch in patches {
+            for sub in &self.sub_samples[patch * SUB_SAMPLES..(patch + 1) * SUB_SAMPLES] {
+                let light = unshadowed(self.light, sub);
+                if let Some(sample) =
+                    self.light.sample(sub.position, Vec2::ZERO).filter(|_| light != Vec3::ZERO)
+                {
+                    asked.push((patch, light));
+                    rays.push(shade::shadow_ray(sub.position, sub.normal.get(), &sample));
+                }
+            }
+        }
+        let mut hidden = vec![false; rays.len()];
+        self.accel.occluded_batch(&rays, &mut hidden);
+        self.rays += rays.len() as u64;
+        for (&(patch, light), _) in asked.iter().zip(&hidden).filter(|&(_, &hidden)| !hidden) {
+            radiance[patch] += light;
         }
     }
 

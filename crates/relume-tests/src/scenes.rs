@@ -103,6 +103,18 @@ pub fn empty_room(material: Material) -> TestScene {
     builder.build()
 }
 
+/// A floor at y = 0 seen from above.
+pub fn floor(material: Material) -> TestScene {
+    let mut builder = SceneBuilder::new();
+    let material = builder.material(material);
+    builder.quad(Vec3::new(-50.0, 0.0, -50.0), Vec3::Z * 100.0, Vec3::X * 100.0, material).camera(
+        Vec3::new(0.0, 3.0, 4.0),
+        Vec3::ZERO,
+        40.0,
+    );
+    builder.build()
+}
+
 /// A court: a room without a ceiling, with a block and a metal ball, open to the sky.
 pub fn court() -> TestScene {
     let mut builder = SceneBuilder::new();

@@ -4,6 +4,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 use std::sync::Arc;
 
 use relume::glam::{Vec2, Vec3};
+use relume::image::Layers;
 use relume::reference::{Paths, Settings as ReferenceSettings, render};
 use relume::relight::RelightSettings;
 use relume::sample::illuminate_sky;
@@ -12,8 +13,10 @@ use relume::shade::Dome;
 use relume::transfer::{Encoding, Multibounce, Quality, RowMethod, Settings};
 use relume::{Error, LightKind, LightRig, Relighter};
 use relume_tests::prepared::{center_sums, lit_centers, mean, prepare, relight_afresh, spread, tiny};
-use relume_tests::scenes::{SceneBuilder, TestScene, arcade, box_room, court, emissive, lambertian, rig};
-use relume_tests::truth::{trace, unbiased_relative_l2};
+use relume_tests::scenes::{
+    SceneBuilder, TestScene, arcade, box_room, court, emissive, floor, lambertian, rig,
+};
+use relume_tests::truth::{Truths, trace, unbiased_relative_l2};
 
 const COLOR: Vec3 = Vec3::new(0.8, 0.5, 0.2);
 const LIGHT: Vec3 = Vec3::new(1.5, 2.0, 3.0);
@@ -64,15 +67,10 @@ fn path_traced(
     render(&built.scene, &built.geometry, &built.accel, rig, &settings, &()).expect("valid settings")
 }
 
-fn floor(material: Material) -> TestScene {
-    let mut builder = SceneBuilder::new();
-    let material = builder.material(material);
-    builder.quad(Vec3::new(-50.0, 0.0, -50.0), Vec3::Z * 100.0, Vec3::X * 100.0, material).camera(
-        Vec3::new(0.0, 3.0, 4.0),
-        Vec3::ZERO,
-        40.0,
-    );
-    builder.build()
+/// Of direct light and of light of up to two bounces.
+fn errors(layers: &Layers, truth: &Truths) -> [f64; 2] {
+    let indirect = unbiased_relative_l2(&layers.indirect, &truth.indirect[1]);
+    [unbiased_relative_l2(&layers.direct, &truth.direct), indirect]
 }
 
 #[test]
@@ -191,11 +189,7 @@ fn a_court_under_painted_skies_agrees_with_the_path_tracer() {
     let images = rigs.each_ref().map(|rig| relight_afresh(&transfer, rig, &relight));
     for (which, rig) in rigs.iter().enumerate() {
         let truth = trace(&built, rig, size, 2, 1024);
-        let errors = |image: usize| {
-            let direct = unbiased_relative_l2(&images[image].direct, &truth.direct);
-            [direct, unbiased_relative_l2(&images[image].indirect, &truth.indirect[1])]
-        };
-        let (right, wrong) = (errors(which), errors((which + 1) % 3));
+        let [right, wrong] = [which, (which + 1) % 3].map(|image| errors(&images[image], &truth));
         println!("direct and indirect {right:.4?}, of another dome {wrong:.4?}");
         // measured 0.027, 0.052 and 0.018 direct; 0.026, 0.030 and 0.023 indirect
         assert!(right[0] < 0.075 && right[1] < 0.05, "{right:?}");
@@ -227,11 +221,7 @@ fn the_arcade_under_its_sky_agrees_with_the_path_tracer() {
     let images = rigs.each_ref().map(|rig| relight_afresh(&transfer, rig, &relight));
     for (which, rig) in rigs.iter().enumerate() {
         let truth = trace(&built, rig, size, 2, 512);
-        let errors = |image: usize| {
-            let direct = unbiased_relative_l2(&images[image].direct, &truth.direct);
-            [direct, unbiased_relative_l2(&images[image].indirect, &truth.indirect[1])]
-        };
-        let (right, wrong) = (errors(which), errors(1 - which));
+        let [right, wrong] = [which, 1 - which].map(|image| errors(&images[image], &truth));
         println!("direct and indirect {right:.4?}, turned otherwise {wrong:.4?}");
         // measured 0.032 and 0.031, 0.104 and 0.103
         assert!(right[0] < 0.05 && right[1] < 0.13, "{right:?}");

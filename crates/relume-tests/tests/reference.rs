@@ -9,7 +9,7 @@ use relume::scene::Material;
 use relume::shade::surface_at;
 use relume::trace::Ray;
 use relume::{Error, LightKind, LightRig, Progress};
-use relume_tests::scenes::{SceneBuilder, TestScene, emissive, lambertian, omni, rig};
+use relume_tests::scenes::{SceneBuilder, TestScene, emissive, floor, lambertian, omni, rig};
 
 const COLOR: Vec3 = Vec3::new(0.8, 0.5, 0.2);
 
@@ -39,18 +39,6 @@ fn relative_l2(a: &Image, b: &Image) -> f64 {
         (0..b.pixels.len()).map(|i| f(i).as_dvec3().length_squared()).sum::<f64>().sqrt()
     };
     sum(&|i| a.pixels[i] - b.pixels[i]) / sum(&|i| b.pixels[i])
-}
-
-/// A floor at y = 0 seen from above.
-fn floor(material: Material) -> TestScene {
-    let mut builder = SceneBuilder::new();
-    let material = builder.material(material);
-    builder.quad(Vec3::new(-50.0, 0.0, -50.0), Vec3::Z * 100.0, Vec3::X * 100.0, material).camera(
-        Vec3::new(0.0, 3.0, 4.0),
-        Vec3::ZERO,
-        40.0,
-    );
-    builder.build()
 }
 
 /// Where the centre of each pixel meets the floor.

@@ -1,4 +1,4 @@
-//! `cargo xtask scenes`: makes the demo scene and its sky in `assets/`, the same bytes every time.
+//! `cargo xtask scenes`: makes the demo scene, its sky and a room of mirrors and glass in `assets/`, the same bytes every time.
 
 mod arcade;
 mod building;
@@ -7,6 +7,7 @@ mod glb;
 mod lathe;
 mod mesh;
 mod noise;
+mod parlour;
 mod plants;
 mod sky;
 mod statue;
@@ -22,11 +23,12 @@ use crate::workspace;
 
 /// Where what is made lies in the repository.
 const ARCADE: &str = "assets/arcade.glb";
+const PARLOUR: &str = "assets/parlour.glb";
 const SKY: &str = "assets/rigs/arcade_sky.hdr";
 
-/// Writes the scene and its sky, or with `check` says whether the committed files are what would be written.
+/// Writes them, or with `check` says whether the committed files are what would be written.
 pub(crate) fn run(check: bool) -> Result<()> {
-    for (name, made) in [(ARCADE, arcade::arcade()?), (SKY, sky::sky()?)] {
+    for (name, made) in [(ARCADE, arcade::arcade()?), (PARLOUR, parlour::parlour()?), (SKY, sky::sky()?)] {
         let path = workspace::root().join(name);
         if check {
             let committed = std::fs::read(&path).with_context(|| format!("cannot read {name}"))?;

@@ -102,7 +102,7 @@ pub(crate) fn arcade() -> Result<Vec<u8>> {
     add_plants(&mut glb, &materials);
     add_bowl(&mut glb, &materials);
     glb.camera("shot", Vec3::new(-5.0, 1.82, 1.2), Vec3::new(1.0, 1.24, -0.62), 48_f32.to_radians());
-    glb.finish()
+    glb.finish("arcade")
 }
 
 fn add_building(glb: &mut Glb, materials: &Materials) {

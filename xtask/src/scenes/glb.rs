@@ -1,5 +1,7 @@
 //! Writes a binary glTF 2.0 file.
 
+use std::collections::BTreeSet;
+
 use anyhow::{Context, Result};
 use glam::Vec3;
 use serde_json::{Value, json};
@@ -129,14 +131,21 @@ impl Glb {
         push(&mut self.nodes, json!({"name": name, "camera": camera, "matrix": matrix}));
     }
 
-    /// The whole file.
-    pub(crate) fn finish(mut self) -> Result<Vec<u8>> {
+    /// The extensions that materials use, in order of their names.
+    fn extensions(&self) -> BTreeSet<&str> {
+        let extensions = |material| Some(Value::as_object(material)?.get("extensions")?.as_object()?.keys());
+        self.materials.iter().filter_map(extensions).flatten().map(String::as_str).collect()
+    }
+
+    /// The whole file, of one scene with this name.
+    pub(crate) fn finish(mut self, scene: &str) -> Result<Vec<u8>> {
         self.binary.resize(self.binary.len().next_multiple_of(4), 0);
+        let unused = self.textures.is_empty();
         let nodes: Vec<usize> = (0..self.nodes.len()).collect();
-        let document = json!({
+        let mut document = json!({
             "asset": {"version": "2.0", "generator": "cargo xtask scenes", "copyright": "MIT OR Apache-2.0"},
             "scene": 0,
-            "scenes": [{"name": "arcade", "nodes": nodes}],
+            "scenes": [{"name": scene, "nodes": nodes}],
             "nodes": self.nodes,
             "cameras": self.cameras,
             "meshes": self.meshes,
@@ -146,8 +155,15 @@ impl Glb {
             "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}],
             "accessors": self.accessors,
             "bufferViews": self.buffer_views,
+            "extensionsUsed": self.extensions(),
             "buffers": [{"byteLength": self.binary.len()}],
         });
+        // a file must not have empty lists
+        for list in ["textures", "images", "samplers", "extensionsUsed"] {
+            if document[list].as_array().is_some_and(Vec::is_empty) || (list == "samplers" && unused) {
+                document.as_object_mut().map(|document| document.remove(list));
+            }
+        }
         let mut text = serde_json::to_vec(&document).context("cannot write the scene's JSON")?;
         text.resize(text.len().next_multiple_of(4), b' ');
         let total = 12 + 8 + text.len() + 8 + self.binary.len();

@@ -11,6 +11,7 @@ use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef};
 
 use super::document::Document;
 use super::texture::Textures;
+use super::transmission::transmission;
 
 /// What a material reads of a mesh's coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -89,6 +90,10 @@ impl<'a> Materials<'a> {
             pbr.metallic_roughness_texture.as_ref().map(use_of),
             json.normal_texture.as_ref().map(normal_use).transpose().map_err(|e| fail(&e))?,
             json.emissive_texture.as_ref().map(use_of),
+            json.extensions
+                .as_ref()
+                .and_then(|e| e.transmission.as_ref()?.transmission_texture.as_ref())
+                .map(use_of),
         ];
         let finite = uses.iter().flatten().all(|texture| texture.texture_from_mesh.is_finite());
         let strength = json.extensions.as_ref().and_then(|e| e.emissive_strength.as_ref());
@@ -107,6 +112,7 @@ impl<'a> Materials<'a> {
         if emission.min_element() < 0.0 {
             return Err(fail("has a negative emission; mend it"));
         }
+        let glass = transmission(json, &name, warnings).map_err(|message| fail(&message))?;
         let mut material = Material {
             base_color: base_color.clamp(Vec4::ZERO, Vec4::ONE),
             metallic: pbr.metallic_factor.0.clamp(0.0, 1.0),
@@ -115,6 +121,9 @@ impl<'a> Materials<'a> {
             emission,
             alpha_mode: alpha_mode(json, &name, warnings),
             double_sided: json.double_sided,
+            transmission: glass.factor,
+            ior: glass.ior,
+            interior: glass.interior,
             name,
             ..Material::default()
         };
@@ -123,8 +132,8 @@ impl<'a> Materials<'a> {
         Ok((material, coordinates))
     }
 
-    fn add_textures(&mut self, material: &mut Material, uses: &[Option<Use>; 4]) -> Result<()> {
-        let [base_color, metallic_roughness, normal, emission] = uses;
+    fn add_textures(&mut self, material: &mut Material, uses: &[Option<Use>; 5]) -> Result<()> {
+        let [base_color, metallic_roughness, normal, emission, transmission] = uses;
         let mut request = |used: &Option<Use>, color_space| -> Result<Option<TextureRef>> {
             let Some(used) = used else { return Ok(None) };
             let texture = self.textures.request(used.texture, color_space, &material.name)?;
@@ -135,12 +144,14 @@ impl<'a> Materials<'a> {
             request(metallic_roughness, ColorSpace::Linear)?,
             request(normal, ColorSpace::Linear)?,
             request(emission, ColorSpace::Srgb)?,
+            request(transmission, ColorSpace::Linear)?,
         );
         (
             material.base_color_texture,
             material.metallic_roughness_texture,
             material.normal_texture,
             material.emission_texture,
+            material.transmission_texture,
         ) = textures;
         Ok(())
     }
@@ -181,7 +192,7 @@ fn normal_use(info: &::gltf::json::material::NormalTexture) -> Result<Use, Strin
 }
 
 /// A mesh of the scene has one set of coordinates: that of the material's first texture.
-fn coordinates(uses: &[Option<Use>; 4], name: &str, warnings: &mut Vec<String>) -> Coordinates {
+fn coordinates(uses: &[Option<Use>; 5], name: &str, warnings: &mut Vec<String>) -> Coordinates {
     let mut sets = uses.iter().flatten().map(|texture| texture.set);
     let Some(set) = sets.next() else { return Coordinates::default() };
     if let Some(other) = sets.find(|&other| other != set) {

@@ -7,6 +7,7 @@ mod material;
 mod nodes;
 mod primitive;
 mod texture;
+mod transmission;
 mod uri;
 
 use std::collections::{BTreeSet, HashMap};

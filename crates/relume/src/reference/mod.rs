@@ -4,8 +4,11 @@
 //! Paths start at the camera. Each vertex is lit by every light and by the emissive triangles (next-event
 //! estimation); emissive triangles and domes are found by scattered rays too, and the two are weighed against each other by
 //! multiple importance sampling (Veach 1997, ch. 9). Other lights are invisible to all rays but shadow rays, and no light shows itself to the
-//! camera.
+//! camera; in mirrors, and through glass that bends its view, it sees both.
 //! Nothing is clamped, so the mean is unbiased and the noise honest.
+//!
+//! The camera's view goes on from mirrors and through glass ([`crate::shade::Surface::specular_events`]), and what it meets there is seen as
+//! what it meets at once: these are no bounces. To all other rays clear surfaces are not there: they cast no shadows and no caustics.
 //!
 //! *Bounce 0*, the direct layer, is what surfaces emit towards the camera and light that goes from a light, a dome or an
 //! emissive triangle to the camera's first surface. Bounce `k` has met `k` more surfaces on its way.
@@ -123,6 +126,9 @@ pub struct Reference {
 struct World<'a> {
     scene: &'a Scene,
     geometry: &'a Geometry,
+    /// What the camera's rays meet, also after mirrors and glass.
+    all: &'a Accel,
+    /// What all other rays meet: the same without clear surfaces.
     accel: &'a Accel,
     lights: Vec<PreparedLight>,
     /// By material: what its emission is multiplied by.
@@ -175,12 +181,16 @@ pub fn render(
     let emission_scales: Vec<Vec3> = emitters.iter().map(scale).collect();
     let edits = rig.edits_of(scene.named_materials().map(|(name, _)| name))?;
     let base_color = |edit: Option<usize>| edit.map(|edit| rig.materials[edit].base_color);
+    let opaque = geometry.without_clear().map(|geometry| (Accel::new(scene, &geometry), geometry));
+    let (opaque_accel, opaque) =
+        opaque.as_ref().map_or((accel, geometry), |(accel, geometry)| (accel, geometry));
     let world = World {
         scene,
         geometry,
-        accel,
+        all: accel,
+        accel: opaque_accel,
         lights: enabled.iter().map(|light| PreparedLight::new(light)).collect(),
-        emitters: Emitters::new(scene, geometry, &emission_scales),
+        emitters: Emitters::new(scene, opaque, &emission_scales),
         emission_scales,
         base_colors: edits.into_iter().map(base_color).collect(),
         settings,

@@ -11,7 +11,9 @@ use super::film::{Film, Share, TileSums};
 use super::response::Response;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::shade::{Bsdf, Dome, LightSample, Surface, shadow_ray};
+use crate::shade::{
+    Bsdf, Dome, LEAST_THROUGHPUT, LightSample, MAX_SPECULAR_EVENTS, Medium, Surface, ViewCone, shadow_ray,
+};
 use crate::trace::sampling::{hash, sobol_2d};
 use crate::trace::{Hit, Ray, offset_origin};
 
@@ -41,16 +43,35 @@ pub(super) struct TileArea {
     pub(super) height: usize,
 }
 
-/// What a sub-pixel sees.
+/// A surface that a sub-pixel sees: at first sight, or in mirrors and through glass.
 struct Primary {
     /// Within the tile.
     pixel: u32,
     /// Seed of its sampling sequence.
     seed: u32,
+    /// The part of its light that reaches the camera.
+    throughput: Vec3,
     surface: Surface,
     direct: Bsdf,
     indirect: Response,
 }
+
+/// A ray of the camera's, before or after mirrors and glass.
+#[derive(Clone, Copy)]
+struct ViewRay {
+    ray: Ray,
+    pixel: u32,
+    seed: u32,
+    throughput: Vec3,
+    cone: ViewCone,
+    events: u32,
+    medium: Medium,
+}
+
+/// Mirrors and panes that a view is followed through: so many that what lies behind more does not matter, and twice what the relighter follows.
+const MAX_EVENTS: u32 = 2 * MAX_SPECULAR_EVENTS;
+/// A view of which less than this reaches the camera is not followed; an eighth of the relighter's.
+const LEAST_VIEW: f32 = LEAST_THROUGHPUT / 8.0;
 
 /// Which numbers a path draws.
 #[derive(Clone, Copy)]
@@ -161,48 +182,109 @@ impl<'a> Tile<'a> {
         Ok(self.sums.means())
     }
 
+    /// Finds what the sub-pixels see: all views of a step are traced as one batch.
     fn trace_primaries(&mut self) {
-        let settings = self.world.settings;
-        let camera = &self.world.scene.cameras[settings.camera];
-        let aa = settings.aa as usize;
-        let mut rays = Vec::new();
-        for y in aa * self.area.y..aa * (self.area.y + self.area.height) {
-            for x in aa * self.area.x..aa * (self.area.x + self.area.width) {
-                let place = |i: usize| (i as f32 + 0.5) / aa as f32;
-                let direction = camera.direction(place(x), place(y), settings.width, settings.height);
-                rays.push(Ray::new(camera.position(), direction));
+        let mut views = self.camera_views();
+        let (mut rays, mut hits) = (Vec::new(), Vec::new());
+        while !views.is_empty() {
+            rays.clear();
+            rays.extend(views.iter().map(|view| view.ray));
+            hits.resize(rays.len(), Hit::MISS);
+            self.world.all.closest_batch(&rays, &mut hits);
+            let mut behind = Vec::new();
+            for (view, hit) in views.iter().zip(&hits) {
+                self.add_lights(view, hit.t);
+                if hit.is_hit() {
+                    self.add_primary(*view, hit, &mut behind);
+                }
             }
-        }
-        let mut hits = vec![Hit::MISS; rays.len()];
-        self.world.accel.closest_batch(&rays, &mut hits);
-        for (i, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
-            if hit.is_hit() {
-                let (column, row) = (i % (aa * self.area.width), i / (aa * self.area.width));
-                self.add_primary(column, row, ray, hit);
-            }
+            views = behind;
         }
     }
 
-    /// Shades what the sub-pixel at `column` and `row` of the tile sees.
-    fn add_primary(&mut self, column: usize, row: usize, ray: &Ray, hit: &Hit) {
+    fn camera_views(&self) -> Vec<ViewRay> {
         let settings = self.world.settings;
-        let surface = self.world.surface_at(hit, ray.direction);
+        let camera = &self.world.scene.cameras[settings.camera];
+        let aa = settings.aa as usize;
+        let pixel = camera.pixel_angle(settings.width, settings.height);
+        let cone = ViewCone::new(0.5 * pixel / settings.aa as f32);
+        let mut views = Vec::new();
+        for row in 0..aa * self.area.height {
+            for column in 0..aa * self.area.width {
+                let (x, y) = (aa * self.area.x + column, aa * self.area.y + row);
+                let place = |i: usize| (i as f32 + 0.5) / aa as f32;
+                let direction = camera.direction(place(x), place(y), settings.width, settings.height);
+                views.push(ViewRay {
+                    ray: Ray::new(camera.position(), direction),
+                    pixel: (row / aa * self.area.width + column / aa) as u32,
+                    seed: hash(hash(settings.seed, x as u32), y as u32),
+                    throughput: Vec3::ONE,
+                    cone,
+                    events: 0,
+                    medium: Medium::default(),
+                });
+            }
+        }
+        views
+    }
+
+    /// Shades what a view meets, and lets it go on.
+    fn add_primary(&mut self, mut view: ViewRay, hit: &Hit, behind: &mut Vec<ViewRay>) {
+        let settings = self.world.settings;
+        let surface = self.world.surface_at(hit, view.ray.direction);
         if !surface.lit {
             return;
         }
-        let aa = settings.aa as usize;
-        let pixel = (row / aa * self.area.width + column / aa) as u32;
+        view.throughput *= view.medium.transmittance(hit.t);
         let share = Share { half: None, bounce: 0, light: None };
-        self.sums.add(pixel, share, self.world.emission(&surface), settings.samples());
-        let (x, y) = (aa * self.area.x + column, aa * self.area.y + row);
-        let view = -ray.direction;
+        let emission = view.throughput * self.world.emission(&surface);
+        self.sums.add(view.pixel, share, emission, settings.samples());
+        let to_viewer = -view.ray.direction;
+        let beside = surface.beside_events(to_viewer);
         self.primaries.push(Primary {
-            pixel,
-            seed: hash(hash(settings.seed, x as u32), y as u32),
+            pixel: view.pixel,
+            seed: view.seed,
+            throughput: view.throughput,
             surface,
-            direct: Bsdf::new(&surface, view),
-            indirect: Response::new(settings.paths, true, &surface, view),
+            direct: Bsdf::new(&beside, to_viewer),
+            indirect: Response::new(settings.paths, true, &beside, to_viewer),
         });
+        if view.events == MAX_EVENTS {
+            return;
+        }
+        for (event, number) in surface.specular_events(to_viewer).zip(1..) {
+            let throughput = view.throughput * event.weight;
+            if throughput.max_element() < LEAST_VIEW {
+                continue;
+            }
+            let side = surface.geometric_normal * surface.geometric_normal.dot(event.direction).signum();
+            behind.push(ViewRay {
+                ray: Ray::new(offset_origin(surface.position, side), event.direction),
+                seed: hash(view.seed, number),
+                throughput,
+                cone: view.cone.after(hit.t, &surface, to_viewer, &event),
+                events: view.events + 1,
+                medium: event.medium.unwrap_or(view.medium),
+                ..view
+            });
+        }
+    }
+
+    /// What a view that was turned shows of lights and domes themselves, up to where it meets a surface.
+    fn add_lights(&mut self, view: &ViewRay, t: f32) {
+        if !view.cone.turned || (t == f32::INFINITY && view.medium != Medium::default()) {
+            return;
+        }
+        let (samples, ray) = (self.world.settings.samples(), Ray { t_max: t, ..view.ray });
+        for (light, prepared) in self.world.lights.iter().enumerate() {
+            let radiance = match prepared.dome() {
+                Some(dome) if t == f32::INFINITY => dome.radiance(ray.direction),
+                Some(_) => continue,
+                None => prepared.seen_along(&ray, &view.cone),
+            };
+            let share = Share { half: None, bounce: 0, light: Some(light as u32) };
+            self.sums.add(view.pixel, share, view.throughput * radiance, samples);
+        }
     }
 
     /// Direct light of lights without extent: one shadow ray a sub-pixel holds for all its paths.
@@ -213,7 +295,8 @@ impl<'a> Tile<'a> {
             for i in 0..self.primaries.len() {
                 let primary = &self.primaries[i];
                 let Some(sample) = prepared.sample(primary.surface.position, Vec2::ZERO) else { continue };
-                let value = primary.direct.evaluate(sample.direction) * sample.irradiance;
+                let value =
+                    primary.throughput * primary.direct.evaluate(sample.direction) * sample.irradiance;
                 let ray = shadow_ray(primary.surface.position, primary.surface.geometric_normal, &sample);
                 let share = Share { half: None, bounce: 0, light: Some(light as u32) };
                 let pixel = primary.pixel;
@@ -236,8 +319,8 @@ impl<'a> Tile<'a> {
                 if !needs_path {
                     continue;
                 }
-                let Primary { pixel, ref surface, ref indirect, .. } = self.primaries[i];
-                let path = Path { pixel, half, sequence, throughput: Vec3::ONE, density: 0.0 };
+                let Primary { pixel, throughput, ref surface, ref indirect, .. } = self.primaries[i];
+                let path = Path { pixel, half, sequence, throughput, density: 0.0 };
                 if let Some((path, ray)) = path.scattered(surface, indirect, 0) {
                     paths.push(path);
                     rays.push(ray);
@@ -259,7 +342,7 @@ impl<'a> Tile<'a> {
     /// Direct light of what has extent, for one path.
     fn light_primary(&mut self, index: usize, half: u32, sequence: Sequence) {
         let world = self.world;
-        let (pixel, surface) = (self.primaries[index].pixel, self.primaries[index].surface);
+        let Primary { pixel, throughput, surface, .. } = self.primaries[index];
         let share = Share { half: Some(half), bounce: 0, light: None };
         for (light, prepared) in world.lights.iter().enumerate().filter(|(_, light)| light.needs_samples()) {
             let place = sequence.light_place(0, light as u32);
@@ -275,12 +358,13 @@ impl<'a> Tile<'a> {
             if let Some((sample, value)) = lit {
                 let share = Share { light: Some(light as u32), ..share };
                 let ray = shadow_ray(surface.position, surface.geometric_normal, &sample);
-                self.ask(ray, Shadow { pixel, share, light: value * sample.irradiance, paths: 1 });
+                let light = throughput * value * sample.irradiance;
+                self.ask(ray, Shadow { pixel, share, light, paths: 1 });
             }
         }
         let emitter = emitter_candidate(world, &surface, &self.primaries[index].indirect, sequence, 0);
         if let Some(Candidate { light, ray, .. }) = emitter {
-            self.ask(ray, Shadow { pixel, share, light, paths: 1 });
+            self.ask(ray, Shadow { pixel, share, light: throughput * light, paths: 1 });
         }
     }
 

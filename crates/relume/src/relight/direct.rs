@@ -3,9 +3,9 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::sample::{ViewSample, ViewSamples};
+use crate::sample::{Chains, ViewGrid, ViewSample, ViewSamples};
 use crate::scene::Light;
-use crate::shade::{self, PreparedLight};
+use crate::shade::{self, Dome, PreparedLight};
 use crate::trace::sampling::{hash, sobol_2d};
 use crate::trace::{Accel, Ray};
 
@@ -22,64 +22,115 @@ pub(super) struct View<'a> {
     pub(super) scales: Option<&'a [Vec3]>,
 }
 
+/// One view sample as it is seen.
+struct Seen<'a> {
+    sample: &'a ViewSample,
+    /// Unit, to where its light goes.
+    view: Vec3,
+    /// The part of that light which reaches the camera.
+    throughput: Vec3,
+}
+
 /// One light's direct light on every pixel, and the number of shadow rays.
 pub(super) fn direct(view: View<'_>, accel: &Accel, light: &Light, aa: u32) -> (Vec<Vec3>, u64) {
-    let View { samples: view, scales } = view;
     let prepared = PreparedLight::new(light);
-    let (samples, a_pixel) = if aa == 1 { (&view.centers, 1) } else { (&view.quads, 4) };
+    let ViewGrid { samples, chains, a_pixel, .. } = view.samples.grid(aa);
+    let camera = view.samples.camera;
     let rays = if prepared.needs_samples() { SOFT_RAYS / a_pixel } else { 1 };
-    let mut pixels = vec![Vec3::ZERO; view.pixels()];
-    let spent = pixels
+    let shading = Shading { light: &prepared, view, rays, accel };
+    let share = 1.0 / (a_pixel * rays) as f32;
+    let mut pixels = vec![Vec3::ZERO; view.samples.pixels()];
+    let straight: u64 = pixels
         .par_chunks_mut(CHUNK / a_pixel)
+        .zip(samples.par_chunks(CHUNK / a_pixel * a_pixel))
         .enumerate()
-        .map(|(chunk, pixels)| {
+        .map(|(chunk, (pixels, samples))| {
             let first = chunk * (CHUNK / a_pixel) * a_pixel;
-            let samples = &samples[first..first + pixels.len() * a_pixel];
-            let shading = Shading { light: &prepared, camera: view.camera, scales, rays, first };
-            shading.run(samples, accel, a_pixel, pixels)
+            let seen = samples.iter().map(|sample| {
+                let view = (camera - sample.position) / sample.depth;
+                Seen { sample, view, throughput: Vec3::ONE }
+            });
+            shading.run(seen, first, |index, radiance| pixels[index / a_pixel] += radiance * share)
         })
         .sum();
-    (pixels, spent)
+    let behind = chains.branches.par_chunks(CHUNK).enumerate().map(|(chunk, branches)| {
+        let seen = branches.iter().map(|branch| Seen {
+            sample: &branch.sample,
+            view: branch.view(),
+            throughput: branch.throughput.get(),
+        });
+        let mut lit = Vec::new();
+        let first = samples.len() + chunk * CHUNK;
+        let rays = shading.run(seen, first, |index, radiance| {
+            lit.push((branches[index].owner as usize / a_pixel, radiance * share));
+        });
+        (lit, rays)
+    });
+    let behind: Vec<_> = behind.collect();
+    for &(pixel, radiance) in behind.iter().flat_map(|(lit, _)| lit) {
+        pixels[pixel] += radiance;
+    }
+    for (owner, radiance) in mirrored(chains, &prepared) {
+        pixels[owner as usize / a_pixel] += radiance / a_pixel as f32;
+    }
+    (pixels, straight + behind.iter().map(|(_, rays)| rays).sum::<u64>())
+}
+
+/// What views that were turned show of the light itself.
+fn mirrored(chains: &Chains, light: &PreparedLight) -> Vec<(u32, Vec3)> {
+    let branches = chains.branches.par_iter().with_min_len(CHUNK).filter_map(|branch| {
+        let radiance = light.seen_along(&branch.last_ray(), &branch.cone());
+        (radiance != Vec3::ZERO).then(|| (branch.owner, radiance * branch.throughput.get()))
+    });
+    let sky = chains.sky.par_iter().with_min_len(CHUNK).filter_map(|view| {
+        let radiance = light.seen_along(&view.ray(), &view.cone());
+        (radiance != Vec3::ZERO).then(|| (view.owner, radiance * view.throughput))
+    });
+    branches.chain(sky).collect()
 }
 
 struct Shading<'a> {
     light: &'a PreparedLight,
-    camera: Vec3,
-    /// See [`View::scales`].
-    scales: Option<&'a [Vec3]>,
+    view: View<'a>,
     /// Shadow rays a sample.
     rays: usize,
-    /// Number of the first sample, for its random numbers.
-    first: usize,
+    accel: &'a Accel,
 }
 
 impl Shading<'_> {
-    fn run(&self, samples: &[ViewSample], accel: &Accel, a_pixel: usize, pixels: &mut [Vec3]) -> u64 {
-        let (mut rays, mut waiting) = (Vec::with_capacity(samples.len() * self.rays), Vec::new());
-        for (index, sample) in samples.iter().enumerate().filter(|(_, sample)| sample.is_lit()) {
+    /// Tells `add` the numbers of the samples that light reaches, and what of it reaches the camera, ray by ray. `first` is the number of the
+    /// first sample for the random numbers. Returns the rays.
+    fn run<'s>(
+        &self,
+        seen: impl Iterator<Item = Seen<'s>>,
+        first: usize,
+        mut add: impl FnMut(usize, Vec3),
+    ) -> u64 {
+        let (mut rays, mut waiting) = (Vec::new(), Vec::new());
+        for (index, seen) in seen.enumerate().filter(|(_, seen)| seen.sample.is_lit()) {
             for which in 0..self.rays {
-                if let Some((ray, radiance)) = self.unshadowed(sample, index, which) {
+                if let Some((ray, radiance)) = self.unshadowed(&seen, first + index, which) {
                     rays.push(ray);
-                    waiting.push((index / a_pixel, radiance));
+                    waiting.push((index, radiance));
                 }
             }
         }
         let mut blocked = vec![false; rays.len()];
-        accel.occluded_batch(&rays, &mut blocked);
-        let share = 1.0 / (a_pixel * self.rays) as f32;
-        for (&(pixel, radiance), _) in waiting.iter().zip(&blocked).filter(|&(_, &blocked)| !blocked) {
-            pixels[pixel] += radiance * share;
+        self.accel.occluded_batch(&rays, &mut blocked);
+        for (&(index, radiance), _) in waiting.iter().zip(&blocked).filter(|&(_, &blocked)| !blocked) {
+            add(index, radiance);
         }
         rays.len() as u64
     }
 
     /// A shadow ray and the radiance that reaches the camera if it is free.
-    fn unshadowed(&self, sample: &ViewSample, index: usize, which: usize) -> Option<(Ray, Vec3)> {
+    fn unshadowed(&self, seen: &Seen<'_>, number: usize, which: usize) -> Option<(Ray, Vec3)> {
         let random = if self.light.needs_samples() {
-            sobol_2d(which as u32, 0, hash((self.first + index) as u32, 0x51_a9))
+            sobol_2d(which as u32, 0, hash(number as u32, 0x51_a9))
         } else {
             Vec2::ZERO
         };
+        let sample = seen.sample;
         let arriving = self.light.sample(sample.position, random)?;
         let geometric = sample.geometric_normal.get();
         let cos = sample.shading_normal.get().dot(arriving.direction);
@@ -87,28 +138,28 @@ impl Shading<'_> {
             return None;
         }
         let surface = sample.surface();
-        let view = (self.camera - sample.position) / sample.depth;
-        let k_d = match self.scales {
+        let k_d = match self.view.scales {
             Some(scales) => surface.diffuse_albedo * scales[sample.material as usize],
             None => surface.diffuse_albedo,
         };
-        let brdf = k_d * std::f32::consts::FRAC_1_PI + surface.specular(view, arriving.direction);
-        let radiance = brdf * arriving.irradiance * cos;
+        let brdf = k_d * std::f32::consts::FRAC_1_PI + surface.specular(seen.view, arriving.direction);
+        let radiance = seen.throughput * brdf * arriving.irradiance * cos;
         let ray = shade::shadow_ray(sample.position, geometric, &arriving);
         (radiance != Vec3::ZERO).then_some((ray, radiance))
     }
 }
 
 /// Adds what surfaces that the camera sees emit, those of the materials that `shines` says.
-pub(super) fn add_emission(view: &ViewSamples, aa: u32, shines: impl Fn(u32) -> bool, pixels: &mut [Vec3]) {
-    let (samples, emission, a_pixel) = if aa == 1 {
-        (&view.centers, &view.center_emission, 1)
-    } else {
-        (&view.quads, &view.quad_emission, 4)
-    };
-    for &(sample, radiance) in emission {
-        if shines(samples[sample as usize].material) {
-            pixels[sample as usize / a_pixel] += radiance / a_pixel as f32;
-        }
+pub(super) fn add_emission(grid: ViewGrid<'_>, shines: impl Fn(u32) -> bool, pixels: &mut [Vec3]) {
+    for (sample, _, radiance) in grid.emitted().filter(|&(_, material, _)| shines(material)) {
+        pixels[sample / grid.a_pixel] += radiance / grid.a_pixel as f32;
+    }
+}
+
+/// Adds what `dome` shows where views leave the scene by way of mirrors and glass. The suns of its map are lights of their own.
+pub(super) fn add_sky(grid: ViewGrid<'_>, dome: &Dome, pixels: &mut [Vec3]) {
+    for view in &grid.chains.sky {
+        let radiance = view.throughput * dome.radiance_without_suns(view.direction);
+        pixels[view.owner as usize / grid.a_pixel] += radiance / grid.a_pixel as f32;
     }
 }

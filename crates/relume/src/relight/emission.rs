@@ -75,7 +75,7 @@ impl Relighter {
         }
         let mut lit = self.shine(&emitted, settings);
         if settings.only != Only::Indirect {
-            direct::add_emission(&transfer.view, settings.aa, shines, &mut lit.direct.pixels);
+            direct::add_emission(transfer.view.grid(settings.aa), shines, &mut lit.direct.pixels);
         }
         lit
     }
@@ -83,7 +83,9 @@ impl Relighter {
     /// A dome: its light on the view samples (direct), and its bounces. Suns in its map are lights of their own. A closed scene lets in
     /// neither: what rays find there between its walls is no sky.
     pub(super) fn dome(&mut self, dome: &Dome, settings: &RelightSettings) -> Lit {
-        if self.transfer.cloud.sky.is_empty() {
+        let view = &self.transfer.view;
+        let shows = [&view.center_chains, &view.quad_chains].into_iter().any(|chains| !chains.sky.is_empty());
+        if self.transfer.cloud.sky.is_empty() && !shows {
             return Lit { direct: self.black(), indirect: self.black() };
         }
         let began = Instant::now();
@@ -91,6 +93,9 @@ impl Relighter {
         emitted.extend(illuminate_sky(&self.transfer.cloud.sky, dome));
         self.stats.cloud_ms += milliseconds(began);
         let mut lit = self.shine(&emitted, settings);
+        if settings.only != Only::Indirect {
+            direct::add_sky(self.transfer.view.grid(settings.aa), dome, &mut lit.direct.pixels);
+        }
         for sun in dome.map().map_or(&[][..], |map| map.suns()) {
             let kind = LightKind::Distant {
                 direction: -dome.turned(sun.direction),

@@ -333,8 +333,8 @@ impl Relighter {
         self.stats.gather_ms += milliseconds(began);
         let began = Instant::now();
         let glossy = glossy.as_deref().zip(self.tints.as_ref());
-        let diffuse = (&gathered[..], self.edits.scales());
-        let pixels = upsample::upsample(&self.transfer, diffuse, glossy, settings.aa);
+        let gathered = upsample::Gathered { diffuse: &gathered, scales: self.edits.scales(), glossy };
+        let pixels = upsample::upsample(&self.transfer, &gathered, settings.aa);
         self.stats.upsample_ms += milliseconds(began);
         pixels
     }

@@ -1,7 +1,9 @@
 //! What is lit: view samples (what the camera sees) and the gather cloud (what can light it).
 
+mod alike;
 mod cell_map;
 mod cells;
+mod chains;
 mod cloud;
 mod gather_sample;
 mod illumination;
@@ -18,6 +20,7 @@ mod tree;
 mod view;
 
 pub use cell_map::{CellMap, TARGETS};
+pub use chains::{Branch, Chains, SkyView};
 pub use cloud::{CloudMethod, CloudSettings, GatherCloud};
 pub use gather_sample::{DiffusePart, Emitted, GatherSample, SUB_SAMPLES, SubSample};
 pub use illumination::{CloudLight, illuminate};
@@ -27,4 +30,4 @@ pub use sky::SkyCells;
 pub use sky_light::illuminate_sky;
 pub(crate) use tree::{cluster_order, ordering_steps};
 pub(crate) use view::QUAD;
-pub use view::{ViewHits, ViewSample, ViewSamples, edge_pixels, kept_base_color};
+pub use view::{ViewGrid, ViewHits, ViewSample, ViewSamples, edge_pixels, kept_base_color};

@@ -8,6 +8,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::alike::{Alike, Seen};
 use super::{ViewSample, ViewSamples};
 use crate::scene::Camera;
 
@@ -40,46 +41,53 @@ pub struct Gloss {
 /// The receivers of a picture, and which of them each view sample takes its light from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Receivers {
-    /// First one for every pixel whose centre is lit, row by row, then the further ones.
+    /// First one for every pixel whose centre gathers light, row by row, then the further ones; then the same for what is seen in
+    /// mirrors and through glass.
     pub points: Vec<Receiver>,
-    /// The receiver of each of [`ViewSamples::centers`]; [`Receivers::NONE`] where nothing reflects.
+    /// The receiver of each of [`ViewSamples::centers`]; [`Receivers::NONE`] where nothing is gathered.
     pub of_centers: Vec<u32>,
     /// The same for [`ViewSamples::quads`].
     pub of_quads: Vec<u32>,
+    /// The same for the branches of [`ViewSamples::center_chains`].
+    pub of_center_branches: Vec<u32>,
+    /// The same for those of [`ViewSamples::quad_chains`].
+    pub of_quad_branches: Vec<u32>,
     /// The quad that each of the further receivers lies on.
     pub further: Vec<u32>,
+    /// The branch of a quad that each of those lies on that are seen in mirrors and through glass.
+    pub further_branches: Vec<u32>,
 }
-
-/// Least cosine between the geometric normals of a sample and of its receiver.
-const SAME_FACE: f32 = 0.8;
-/// Least cosine between their shading normals: the mean of normals that differ more says little about any of them.
-const SAME_NORMAL: f32 = 0.9;
-/// Farthest that one may lie off the other's plane, in pixels at that distance.
-const SAME_PLANE: f32 = 1.0;
-
-/// Farthest that their roughnesses may lie apart, where both are sharp, and how much more at roughness 1 (it grows with the square, as the
-/// lobe does): reflections are seen along one lobe.
-const SAME_LOBE: (f32, f32) = (0.1, 1.0);
 
 /// Where one sample takes its light from.
 #[derive(Clone, Copy)]
 enum Source {
     Nothing,
-    /// The centre of a pixel.
+    /// A centre, or a branch of one.
     Center(u32),
     /// A further receiver, by its number in the row of pixels.
     Further(u32),
 }
 
+/// Where the samples of a row of pixels take their light from, and those of them that are further receivers.
+#[derive(Default)]
+struct Sources {
+    sources: Vec<Source>,
+    further: Vec<u32>,
+}
+
+/// What takes its light from where, of centres and of quads, and the quads of the further receivers.
+type Placed = (Vec<u32>, Vec<u32>, Vec<u32>);
+
 impl Receiver {
-    fn of(sample: &ViewSample, camera: Vec3) -> Self {
-        let surface = sample.surface();
+    fn of(seen: Seen<'_>) -> Self {
+        let surface = seen.sample.surface();
+        let view = (seen.eye - surface.position).normalize_or(surface.geometric_normal);
         Self {
-            position: sample.position,
+            position: surface.position,
             shading_normal: surface.shading_normal,
             geometric_normal: surface.geometric_normal,
             gloss: Gloss {
-                view: (camera - sample.position).normalize_or(surface.geometric_normal),
+                view,
                 roughness: surface.roughness,
                 f0: surface.specular_f0.element_sum() / 3.0,
                 f90: surface.specular_f90,
@@ -89,107 +97,126 @@ impl Receiver {
 }
 
 impl Receivers {
-    /// In place of a receiver where nothing reflects.
+    /// In place of a receiver where nothing is gathered.
     pub const NONE: u32 = u32::MAX;
 
     /// Places receivers for what `camera` sees; `glossy` says whether light is gathered along specular lobes as well.
     pub fn new(view: &ViewSamples, camera: &Camera, glossy: bool) -> Self {
-        let middle = |x: f32| camera.direction(x, 0.5 * view.height as f32, view.width, view.height);
-        let half = 0.5 * view.width as f32;
-        let alike = Alike { pixel: middle(half).distance(middle(half + 1.0)), glossy };
-        let rows: Vec<(Vec<Source>, Vec<u32>)> =
-            (0..view.height).into_par_iter().map(|row| sources(view, row, alike)).collect();
-        let mut points = Vec::with_capacity(view.pixels());
-        let of_centers: Vec<u32> = view
-            .centers
-            .iter()
-            .map(|center| {
-                if !center.is_lit() {
-                    return Self::NONE;
-                }
-                points.push(Receiver::of(center, view.camera));
-                points.len() as u32 - 1
-            })
-            .collect();
-        let mut of_quads = Vec::with_capacity(view.quads.len());
-        let mut further = Vec::new();
-        for (sources, quads) in rows {
-            let first = points.len() as u32;
-            points.extend(quads.iter().map(|&quad| Receiver::of(&view.quads[quad as usize], view.camera)));
-            further.extend(quads);
+        let alike = Alike { pixel: camera.pixel_angle(view.width, view.height), glossy };
+        let mut receivers = Self::default();
+        let rows = (0..view.height).into_par_iter().map(|row| sources(view, row, alike)).collect();
+        let centers = view.centers.iter().map(|center| Seen::straight(center, view.camera));
+        let quads = |quad: u32| Seen::straight(&view.quads[quad as usize], view.camera);
+        (receivers.of_centers, receivers.of_quads, receivers.further) =
+            receivers.place(centers, quads, rows, glossy);
+        let rows = (0..view.height).into_par_iter().map(|row| branch_sources(view, row, alike)).collect();
+        let centers = view.center_chains.branches.iter().map(Seen::branch);
+        let quads = |branch: u32| Seen::branch(&view.quad_chains.branches[branch as usize]);
+        (receivers.of_center_branches, receivers.of_quad_branches, receivers.further_branches) =
+            receivers.place(centers, quads, rows, glossy);
+        let straight = view.quads.iter().map(|sample| (sample, 1.0)).zip(&receivers.of_quads);
+        let branches = view.quad_chains.branches.iter();
+        let branches = branches.map(|branch| (&branch.sample, branch.throughput.get().element_sum() / 3.0));
+        let branches = branches.zip(&receivers.of_quad_branches);
+        average(&mut receivers.points, straight.chain(branches), glossy);
+        receivers
+    }
+
+    /// How many pixels' centres gather light.
+    pub fn gathering_centers(&self) -> usize {
+        self.of_centers.iter().filter(|&&receiver| receiver != Self::NONE).count()
+    }
+
+    /// Places a receiver at each of the centres that gather, and the further ones of all rows of pixels.
+    fn place<'a>(
+        &mut self,
+        centers: impl Iterator<Item = Seen<'a>>,
+        quads: impl Fn(u32) -> Seen<'a>,
+        rows: Vec<Sources>,
+        glossy: bool,
+    ) -> Placed {
+        let mut place = |seen| {
+            self.points.push(Receiver::of(seen));
+            self.points.len() as u32 - 1
+        };
+        let gathers = |seen: &Seen<'_>| seen.sample.gathers(glossy);
+        let of_centers: Vec<u32> =
+            centers.map(|seen| if gathers(&seen) { place(seen) } else { Self::NONE }).collect();
+        let (mut of_quads, mut all_further) = (Vec::new(), Vec::new());
+        for Sources { sources, further } in rows {
+            let numbers: Vec<u32> = further.iter().map(|&quad| place(quads(quad))).collect();
+            all_further.extend(further);
             of_quads.extend(sources.iter().map(|source| match *source {
                 Source::Nothing => Self::NONE,
-                Source::Center(pixel) => of_centers[pixel as usize],
-                Source::Further(number) => first + number,
+                Source::Center(center) => of_centers[center as usize],
+                Source::Further(number) => numbers[number as usize],
             }));
         }
-        average(&mut points, view, &of_quads, glossy);
-        Self { points, of_centers, of_quads, further }
+        (of_centers, of_quads, all_further)
     }
 }
 
-/// Where the samples of a row of pixels take their light from, and the quads that are further receivers.
-fn sources(view: &ViewSamples, row: usize, alike: Alike) -> (Vec<Source>, Vec<u32>) {
-    let mut further: Vec<u32> = Vec::new();
-    let mut sources = Vec::with_capacity(4 * view.width);
+impl Sources {
+    /// Adds the source of the quad `index`: the most alike of `centers`, where it serves; else a further receiver of the pixel. Those are the
+    /// ones from `first` on.
+    fn add<'a>(
+        &mut self,
+        index: u32,
+        centers: impl Iterator<Item = (u32, Seen<'a>)>,
+        quads: impl Fn(u32) -> Seen<'a>,
+        first: usize,
+        alike: Alike,
+    ) {
+        let seen = quads(index);
+        if !seen.sample.gathers(alike.glossy) {
+            self.sources.push(Source::Nothing);
+            return;
+        }
+        let nearest = seen.nearest(centers.filter(|(_, center)| center.sample.gathers(alike.glossy)));
+        if let Some((center, _)) = nearest.filter(|(_, center)| alike.serves(center, &seen)) {
+            self.sources.push(Source::Center(center));
+            return;
+        }
+        let own = self.further[first..].iter().position(|&quad| alike.serves(&quads(quad), &seen));
+        let number = own.map_or(self.further.len(), |own| first + own);
+        if own.is_none() {
+            self.further.push(index);
+        }
+        self.sources.push(Source::Further(number as u32));
+    }
+}
+
+/// Of the quads of a row of pixels.
+fn sources(view: &ViewSamples, row: usize, alike: Alike) -> Sources {
+    let mut sources = Sources::default();
+    let straight = |sample| Seen::straight(sample, view.camera);
     for column in 0..view.width {
-        let first = further.len();
-        for quad in 0..4 {
-            let index = 4 * (row * view.width + column) + quad;
-            let sample = &view.quads[index];
-            if !alike.reflects(sample) {
-                sources.push(Source::Nothing);
-                continue;
-            }
-            let nearest = view.nearest_center(sample, row, column);
-            if let Some(nearest) =
-                nearest.filter(|&nearest| alike.serves(&view.centers[nearest as usize], sample))
-            {
-                sources.push(Source::Center(nearest));
-                continue;
-            }
-            let own =
-                further[first..].iter().position(|&quad| alike.serves(&view.quads[quad as usize], sample));
-            let number = own.map_or(further.len(), |own| first + own);
-            if own.is_none() {
-                further.push(index as u32);
-            }
-            sources.push(Source::Further(number as u32));
+        let first = sources.further.len();
+        let pixel = row * view.width + column;
+        for quad in 4 * pixel..4 * pixel + 4 {
+            let centers =
+                view.around(row, column).map(|pixel| (pixel as u32, straight(&view.centers[pixel])));
+            sources.add(quad as u32, centers, |quad| straight(&view.quads[quad as usize]), first, alike);
         }
     }
-    (sources, further)
+    sources
 }
 
-/// When samples are alike enough to share a receiver.
-#[derive(Clone, Copy)]
-struct Alike {
-    /// The angle of a pixel.
-    pixel: f32,
-    /// Whether their lobes must be alike too.
-    glossy: bool,
-}
-
-impl Alike {
-    /// Whether `sample` lies in the plane of `receiver`, faces as it does and is about as rough.
-    fn serves(self, receiver: &ViewSample, sample: &ViewSample) -> bool {
-        let faces = |of: &ViewSample| (of.geometric_normal.get(), of.shading_normal.get());
-        let ((geometric, shading), (its_geometric, its_shading)) = (faces(sample), faces(receiver));
-        let apart = sample.position - receiver.position;
-        let off_plane = apart.dot(geometric).abs().max(apart.dot(its_geometric).abs());
-        let (rough, its_rough) = (sample.roughness(), receiver.roughness());
-        let wide = rough.min(its_rough).powi(2);
-        its_geometric.dot(geometric) > SAME_FACE
-            && its_shading.dot(shading) > SAME_NORMAL
-            && off_plane < SAME_PLANE * self.pixel * sample.depth
-            && (!self.glossy || (rough - its_rough).abs() < SAME_LOBE.0 + SAME_LOBE.1 * wide)
+/// Of their branches.
+fn branch_sources(view: &ViewSamples, row: usize, alike: Alike) -> Sources {
+    let mut sources = Sources::default();
+    let (center_chains, quad_chains) = (&view.center_chains, &view.quad_chains);
+    let of_center = |branch: usize| (branch as u32, Seen::branch(&center_chains.branches[branch]));
+    let of_quad = |branch: u32| Seen::branch(&quad_chains.branches[branch as usize]);
+    for column in 0..view.width {
+        let first = sources.further.len();
+        let pixel = row * view.width + column;
+        for branch in (4 * pixel..4 * pixel + 4).flat_map(|quad| quad_chains.range_of(quad)) {
+            let around = view.around(row, column).flat_map(|pixel| center_chains.range_of(pixel));
+            sources.add(branch as u32, around.map(of_center), of_quad, first, alike);
+        }
     }
-
-    /// Whether any light from the surroundings is reflected.
-    fn reflects(self, sample: &ViewSample) -> bool {
-        let surface = sample.surface();
-        let glossy = self.glossy && surface.specular_f90 > 0.0;
-        sample.is_lit() && (surface.diffuse_albedo != Vec3::ZERO || glossy)
-    }
+    sources
 }
 
 /// Sums over the samples that a receiver serves.
@@ -205,24 +232,31 @@ struct Sums {
     specular: f32,
 }
 
-/// Gives every receiver the mean shading normal and the mean gloss of the samples it serves, weighted by what these reflect.
+/// Gives every receiver the mean shading normal and the mean gloss of the samples it serves, weighted by what the camera sees of what these
+/// reflect. `samples` have the part of their light that reaches it, and their receivers.
 ///
 /// The samples' facets face as far apart as their lobes are wide and as their normals differ: both variances add up to that of one
 /// lobe (Toksvig 2005; Olano and Baker 2010), which shows the mean of what the samples' own lobes would.
-fn average(points: &mut [Receiver], view: &ViewSamples, of_quads: &[u32], glossy: bool) {
+fn average<'a>(
+    points: &mut [Receiver],
+    samples: impl Iterator<Item = ((&'a ViewSample, f32), &'a u32)>,
+    glossy: bool,
+) {
     let mut sums = vec![Sums::default(); points.len()];
-    for (sample, &receiver) in view.quads.iter().zip(of_quads) {
+    for ((sample, seen), &receiver) in samples {
         if let Some(sums) = sums.get_mut(receiver as usize) {
             let surface = sample.surface();
             let f0 = surface.specular_f0.element_sum() / 3.0;
-            let reflected = surface.diffuse_albedo.element_sum() + if glossy { 3.0 * f0 } else { 0.0 };
+            let specular = seen * f0;
+            let reflected =
+                seen * surface.diffuse_albedo.element_sum() + if glossy { 3.0 * specular } else { 0.0 };
             sums.normals += surface.shading_normal * reflected;
             sums.reflected += reflected;
-            sums.facets += surface.shading_normal * f0;
-            sums.slopes += surface.roughness.powi(4) * f0;
-            sums.f0 += f0 * f0;
-            sums.f90 += surface.specular_f90 * f0;
-            sums.specular += f0;
+            sums.facets += surface.shading_normal * specular;
+            sums.slopes += surface.roughness.powi(4) * specular;
+            sums.f0 += f0 * specular;
+            sums.f90 += surface.specular_f90 * specular;
+            sums.specular += specular;
         }
     }
     for (point, sums) in points.iter_mut().zip(sums) {
@@ -261,9 +295,8 @@ mod tests {
 
     /// The roughness of a receiver of these samples.
     fn roughness_of(samples: &[ViewSample]) -> f32 {
-        let view = ViewSamples { camera: CAMERA, quads: samples.to_vec(), ..ViewSamples::default() };
-        let mut points = [Receiver::of(&samples[0], CAMERA)];
-        average(&mut points, &view, &vec![0; samples.len()], true);
+        let mut points = [Receiver::of(Seen::straight(&samples[0], CAMERA))];
+        average(&mut points, samples.iter().map(|sample| ((sample, 1.0), &0)), true);
         points[0].gloss.roughness
     }
 

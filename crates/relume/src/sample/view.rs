@@ -4,10 +4,11 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::chains::{Branch, Chains, Followed, Surroundings};
 use super::{PackedNormal, PackedUnit};
 use crate::progress::Progress;
 use crate::scene::{Camera, Geometry, Scene};
-use crate::shade::{self, Surface};
+use crate::shade::{self, Surface, ViewCone};
 use crate::trace::{Accel, Hit, Ray};
 use crate::{Error, Result};
 
@@ -67,9 +68,10 @@ impl ViewSample {
         object: u32::MAX,
     };
 
-    /// `base_color` is the material's factor.
+    /// `base_color` is the material's factor. What a polished surface mirrors is left to its [`Chains`].
     pub(super) fn new(surface: &Surface, camera: Vec3, base_color: Vec3) -> Self {
         let to_camera = (camera - surface.position).normalize_or(surface.geometric_normal);
+        let specular = surface.beside_events(to_camera);
         let cos_view = to_camera.dot(surface.shading_normal);
         let (own, white) = (surface.diffuse(cos_view), surface.with_base_color(Vec3::ONE).diffuse(cos_view));
         let diffuse = Vec3::select(kept_base_color(base_color).cmpeq(base_color), own, white);
@@ -80,8 +82,8 @@ impl ViewSample {
             geometric_normal: PackedNormal::new(surface.geometric_normal),
             diffuse: PackedUnit::new(diffuse),
             roughness: if surface.lit { unorm(surface.roughness).max(1) } else { 0 },
-            specular: PackedUnit::new(surface.specular_f0),
-            grazing: unorm(surface.specular_f90),
+            specular: PackedUnit::new(specular.specular_f0),
+            grazing: unorm(specular.specular_f90),
             material: surface.material,
             object: surface.object,
         }
@@ -97,6 +99,11 @@ impl ViewSample {
         self.roughness != 0
     }
 
+    /// Whether light of other surfaces is gathered here: over the hemisphere, or where there are `glossy` rows, along a lobe.
+    pub(super) fn gathers(&self, glossy: bool) -> bool {
+        self.is_lit() && (self.diffuse != PackedUnit::ZERO || (glossy && self.grazing != 0))
+    }
+
     /// The surface as shading wants it. Its albedo is [`Self::diffuse`] already: its specular share is taken off. Of its white albedo
     /// nothing is known.
     pub fn surface(&self) -> Surface {
@@ -105,15 +112,13 @@ impl ViewSample {
             geometric_normal: self.geometric_normal.get(),
             shading_normal: self.shading_normal.get(),
             diffuse_albedo: self.diffuse.get(),
-            white_albedo: Vec3::ZERO,
             specular_f0: self.specular.get(),
             specular_f90: f32::from(self.grazing) * (1.0 / 65535.0),
-            dielectric_specular: 0.0,
             roughness: self.roughness(),
-            emission: Vec3::ZERO,
             material: self.material,
             object: self.object,
             lit: self.is_lit(),
+            ..Surface::BLACK
         }
     }
 
@@ -140,6 +145,38 @@ pub struct ViewSamples {
     pub center_emission: Vec<(u32, Vec3)>,
     /// Emitted radiance of those `quads` that emit, by index.
     pub quad_emission: Vec<(u32, Vec3)>,
+    /// What `centers` show in mirrors and through glass.
+    pub center_chains: Chains,
+    /// What `quads` show so.
+    pub quad_chains: Chains,
+}
+
+/// All that one of the two sets of view samples shows.
+#[derive(Clone, Copy, Debug)]
+pub struct ViewGrid<'a> {
+    /// Pixel by pixel.
+    pub samples: &'a [ViewSample],
+    /// Emitted radiance of those that emit, by index.
+    pub emission: &'a [(u32, Vec3)],
+    /// What they show in mirrors and through glass.
+    pub chains: &'a Chains,
+    /// How many samples a pixel has.
+    pub a_pixel: usize,
+}
+
+impl<'a> ViewGrid<'a> {
+    /// Emitted radiance that reaches the camera: the sample it is seen at, the material that shines, and how much.
+    pub fn emitted(&self) -> impl Iterator<Item = (usize, u32, Vec3)> + use<'a> {
+        let Self { samples, emission, chains, .. } = *self;
+        let straight = emission
+            .iter()
+            .map(|&(index, radiance)| (index as usize, samples[index as usize].material, radiance));
+        let behind = chains.emission.iter().map(|&(index, radiance)| {
+            let branch = &chains.branches[index as usize];
+            (branch.owner as usize, branch.sample.material, radiance * branch.throughput.get())
+        });
+        straight.chain(behind)
+    }
 }
 
 /// Where the rays through the view samples first hit.
@@ -149,17 +186,22 @@ pub struct ViewHits {
     pub centers: Vec<Hit>,
     /// Of [`ViewSamples::quads`].
     pub quads: Vec<Hit>,
+    /// Of the branches of [`ViewSamples::center_chains`], with the directions of their rays.
+    pub center_branches: Vec<(Hit, Vec3)>,
+    /// Of the branches of [`ViewSamples::quad_chains`].
+    pub quad_branches: Vec<(Hit, Vec3)>,
 }
 
 /// Offsets of the four samples of a pixel from its top left corner.
 pub(crate) const QUAD: [Vec2; 4] =
     [Vec2::new(0.25, 0.25), Vec2::new(0.75, 0.25), Vec2::new(0.25, 0.75), Vec2::new(0.75, 0.75)];
 
-/// One row of pixels: samples and what they emit.
+/// One row of pixels: samples, what they emit, and what is seen by way of them.
 struct Row {
     samples: Vec<ViewSample>,
     emission: Vec<(u32, Vec3)>,
     hits: Vec<Hit>,
+    followed: Followed,
 }
 
 impl ViewSamples {
@@ -176,7 +218,10 @@ impl ViewSamples {
         progress: &dyn Progress,
     ) -> Result<(Self, ViewHits)> {
         progress.stage("view samples", height as u64);
+        let around = Surroundings { scene, geometry, accel };
+        let pixel = camera.pixel_angle(width, height);
         let look = |row: usize, offsets: &[Vec2]| -> Row {
+            let cone = ViewCone::new(0.5 * pixel / (offsets.len() as f32).sqrt());
             let rays: Vec<Ray> = (0..width)
                 .flat_map(|column| offsets.iter().map(move |&offset| (column, offset)))
                 .map(|(column, offset)| {
@@ -187,19 +232,20 @@ impl ViewSamples {
             let mut hits = vec![Hit::MISS; rays.len()];
             accel.closest_batch(&rays, &mut hits);
             let first = (row * width * offsets.len()) as u32;
-            let mut emission = Vec::new();
-            let samples = rays.iter().zip(&hits).enumerate().map(|(index, (ray, hit))| {
+            let (mut emission, mut followed) = (Vec::new(), Followed::default());
+            let samples = rays.iter().zip(&hits).zip(first..).map(|((ray, hit), owner)| {
                 if !hit.is_hit() {
                     return ViewSample::SKY;
                 }
                 let surface = shade::surface_at(scene, geometry, hit, ray.direction);
                 if surface.emission != Vec3::ZERO && surface.lit {
-                    emission.push((first + index as u32, surface.emission));
+                    emission.push((owner, surface.emission));
                 }
+                followed.follow(around, owner, &surface, (ray.direction, hit.t, cone));
                 let base_color = scene.materials[surface.material as usize].base_color.truncate();
                 ViewSample::new(&surface, camera.position(), base_color)
             });
-            Row { samples: samples.collect(), emission, hits }
+            Row { samples: samples.collect(), emission, hits, followed }
         };
         let rows: Vec<(Row, Row)> = (0..height)
             .into_par_iter()
@@ -219,6 +265,10 @@ impl ViewSamples {
             view.center_emission.extend(center.emission);
             hits.centers.extend(center.hits);
             hits.quads.extend(quad.hits);
+            view.center_chains.append(center.followed.chains);
+            hits.center_branches.extend(center.followed.hits);
+            view.quad_chains.append(quad.followed.chains);
+            hits.quad_branches.extend(quad.followed.hits);
             view.quads.extend(quad.samples);
             view.quad_emission.extend(quad.emission);
         }
@@ -230,34 +280,29 @@ impl ViewSamples {
         self.width * self.height
     }
 
-    /// The pixel of the 3x3 around `(row, column)` whose lit centre is most like `sample` in position and normal (Hasan 2006,
-    /// section 3.6); `None` where no centre is lit.
-    pub(super) fn nearest_center(&self, sample: &ViewSample, row: usize, column: usize) -> Option<u32> {
-        let (geometric, shading) = (sample.geometric_normal.get(), sample.shading_normal.get());
-        let mut best = (f32::INFINITY, None);
-        for y in row.saturating_sub(1)..(row + 2).min(self.height) {
-            for x in column.saturating_sub(1)..(column + 2).min(self.width) {
-                let pixel = y * self.width + x;
-                let center = &self.centers[pixel];
-                if !center.is_lit() {
-                    continue;
-                }
-                // Distances in units of depth, and off the sample's plane much more than along it.
-                let apart = (center.position - sample.position) / sample.depth;
-                let off_plane = apart.dot(geometric);
-                let turned = center.shading_normal.get().distance_squared(shading);
-                let unlike = apart.length_squared() + 100.0 * off_plane * off_plane + 1e-3 * turned;
-                if unlike < best.0 {
-                    best = (unlike, Some(pixel as u32));
-                }
-            }
+    /// The samples of `aa` times `aa` a pixel: 1 are the centres, 2 the quads.
+    pub fn grid(&self, aa: u32) -> ViewGrid<'_> {
+        if aa == 1 {
+            let (samples, emission, chains) = (&self.centers, &self.center_emission, &self.center_chains);
+            ViewGrid { samples, emission, chains, a_pixel: 1 }
+        } else {
+            let (samples, emission, chains) = (&self.quads, &self.quad_emission, &self.quad_chains);
+            ViewGrid { samples, emission, chains, a_pixel: 4 }
         }
-        best.1
+    }
+
+    /// The 3x3 pixels around one, or what of them is in the picture, by number.
+    pub(super) fn around(&self, row: usize, column: usize) -> impl Iterator<Item = usize> + use<> {
+        let columns = column.saturating_sub(1)..(column + 2).min(self.width);
+        let width = self.width;
+        (row.saturating_sub(1)..(row + 2).min(self.height))
+            .flat_map(move |y| columns.clone().map(move |x| y * width + x))
     }
 }
 
 /// Pixels on a geometric edge: those where the object, the normal (by more than 25 degrees) or the plane (by more
-/// than 2% of the depth) breaks between the samples of the pixel and those of its four neighbours.
+/// than 2% of the depth) breaks between the samples of the pixel and those of its four neighbours, or between what they show in mirrors and
+/// through glass.
 pub fn edge_pixels(view: &ViewSamples) -> Vec<bool> {
     let breaks = |a: &ViewSample, b: &ViewSample| {
         if a.is_sky() || b.is_sky() {
@@ -268,14 +313,22 @@ pub fn edge_pixels(view: &ViewSamples) -> Vec<bool> {
             || normal.dot(b.geometric_normal.get()) < 0.9
             || (b.position - a.position).dot(normal).abs() > 0.02 * a.depth
     };
+    let break_behind = |a: &[Branch], b: &[Branch]| {
+        a.len() != b.len() || a.iter().zip(b).any(|(a, b)| breaks(&a.sample, &b.sample))
+    };
     (0..view.pixels())
         .into_par_iter()
         .map(|pixel| {
             let center = &view.centers[pixel];
             let (x, y) = (pixel % view.width, pixel / view.width);
-            let mut around = view.quads[4 * pixel..4 * pixel + 4].iter().any(|s| breaks(center, s));
+            let branches = |pixel| view.center_chains.of_owner(pixel);
+            let of_quad = |quad| view.quad_chains.of_owner(quad);
+            let own = branches(pixel);
+            let mut around = (4 * pixel..4 * pixel + 4)
+                .any(|quad| breaks(center, &view.quads[quad]) || break_behind(own, of_quad(quad)));
             let mut beside = |inside: bool, other: usize| {
-                around |= inside && breaks(center, &view.centers[other]);
+                around |=
+                    inside && (breaks(center, &view.centers[other]) || break_behind(own, branches(other)));
             };
             beside(x > 0, pixel.wrapping_sub(1));
             beside(x + 1 < view.width, pixel + 1);

@@ -24,4 +24,10 @@ impl Camera {
         let dir_camera = Vec3::new((x - 0.5 * width as f32) * pixel, (0.5 * height as f32 - y) * pixel, -1.0);
         self.world_from_camera.transform_vector3(dir_camera).normalize()
     }
+
+    /// The angle between the middle of the picture and a pixel beside it, radians.
+    pub fn pixel_angle(&self, width: usize, height: usize) -> f32 {
+        let (x, y) = (0.5 * width as f32, 0.5 * height as f32);
+        self.direction(x, y, width, height).distance(self.direction(x + 1.0, y, width, height))
+    }
 }

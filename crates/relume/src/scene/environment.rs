@@ -141,10 +141,7 @@ impl EnvironmentMap {
 
     /// The column and row of the pixel that a unit direction shows.
     fn place(&self, direction: Vec3) -> (usize, usize) {
-        let longitude = f64::from(direction.x).atan2(f64::from(direction.z));
-        let column = (0.5 - longitude / TAU) * self.width as f64;
-        let row = f64::from(direction.y.clamp(-1.0, 1.0)).acos() / PI * self.height as f64;
-        ((column as usize).min(self.width - 1), (row as usize).min(self.height - 1))
+        place(direction, self.width, self.height)
     }
 
     /// The unit direction of a place, in pixels from the upper left corner.
@@ -157,6 +154,13 @@ impl EnvironmentMap {
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
         let (column, row) = self.place(direction);
         self.texel(column, row)
+    }
+
+    /// The same of [`Self::without_suns`].
+    pub fn radiance_without_suns(&self, direction: Vec3) -> Vec3 {
+        let WithoutSuns { width, height, texels } = self.without_suns();
+        let (column, row) = place(direction, *width, *height);
+        texels[row * width + column]
     }
 
     /// With which density, 1/sr, [`Self::sample`] draws a unit direction.
@@ -190,6 +194,14 @@ impl EnvironmentMap {
             density,
         })
     }
+}
+
+/// The column and row of the pixel of a map that a unit direction shows.
+fn place(direction: Vec3, width: usize, height: usize) -> (usize, usize) {
+    let longitude = f64::from(direction.x).atan2(f64::from(direction.z));
+    let column = (0.5 - longitude / TAU) * width as f64;
+    let row = f64::from(direction.y.clamp(-1.0, 1.0)).acos() / PI * height as f64;
+    ((column as usize).min(width - 1), (row as usize).min(height - 1))
 }
 
 fn towards(longitude: f64, height: f64) -> Vec3 {

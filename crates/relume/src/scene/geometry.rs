@@ -19,6 +19,8 @@ pub struct Geometry {
     pub materials: Vec<u32>,
     /// Object number, one a triangle.
     pub objects: Vec<u32>,
+    /// How many triangles there are before those of clear materials ([`Scene::clear_materials`]), which come last.
+    pub opaque: usize,
 }
 
 impl Geometry {
@@ -26,10 +28,30 @@ impl Geometry {
     /// counter-clockwise under mirrored transforms.
     pub fn new(scene: &Scene) -> Self {
         let mut geometry = Self::default();
-        for instance in &scene.instances {
-            geometry.add_instance(scene, instance.mesh, instance.object, &instance.world_from_object);
+        let clear = scene.clear_materials();
+        for clear_ones in [false, true] {
+            for instance in &scene.instances {
+                if clear[scene.meshes[instance.mesh].material] == clear_ones {
+                    geometry.add_instance(scene, instance.mesh, instance.object, &instance.world_from_object);
+                }
+            }
+            if !clear_ones {
+                geometry.opaque = geometry.triangles.len();
+            }
         }
         geometry
+    }
+
+    /// The geometry that rays meet which do not start at the camera, where it is another: all but clear surfaces. Its triangles keep their
+    /// numbers.
+    pub fn without_clear(&self) -> Option<Self> {
+        (self.opaque < self.triangles.len()).then(|| {
+            let mut opaque = self.clone();
+            opaque.triangles.truncate(self.opaque);
+            opaque.materials.truncate(self.opaque);
+            opaque.objects.truncate(self.opaque);
+            opaque
+        })
     }
 
     fn add_instance(&mut self, scene: &Scene, mesh: usize, object: u32, world_from_object: &Affine3A) {

@@ -30,6 +30,28 @@ pub struct Material {
     pub alpha_mode: AlphaMode,
     /// A one-sided surface neither reflects nor emits at its back, but blocks light there.
     pub double_sided: bool,
+    /// The part of the light within a dielectric that passes its surface instead of being scattered back, `0..=1`
+    /// (KHR_materials_transmission). It is tinted by the base colour.
+    pub transmission: f32,
+    /// Linear: R multiplies `transmission`.
+    pub transmission_texture: Option<TextureRef>,
+    /// Refractive index of a dielectric, at least 1 (KHR_materials_ior).
+    pub ior: f32,
+    /// What lies behind a transmitting surface.
+    pub interior: Interior,
+}
+
+/// What a transmitting surface bounds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Interior {
+    /// A pane too thin to bend light.
+    #[default]
+    Thin,
+    /// A solid (KHR_materials_volume): light is refracted where it enters, at the front, and where it leaves.
+    Solid {
+        /// Light fades by `exp(-extinction * metres)`.
+        extinction: Vec3,
+    },
 }
 
 /// How a material uses its alpha.
@@ -82,6 +104,10 @@ impl Default for Material {
             emission_texture: None,
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
+            transmission: 0.0,
+            transmission_texture: None,
+            ior: 1.5,
+            interior: Interior::Thin,
         }
     }
 }

@@ -15,7 +15,7 @@ pub use camera::Camera;
 pub use environment::{EnvironmentMap, EnvironmentSample};
 pub use geometry::Geometry;
 pub use light::{Light, LightKind, LightRig};
-pub use material::{AlphaMode, Material, TextureRef};
+pub use material::{AlphaMode, Interior, Material, TextureRef};
 pub use named::{Emitter, MaterialEdit, NamedFault, NamedList};
 pub use suns::{Sun, WithoutSuns};
 pub use texture::{ColorSpace, Texture, Wrap};
@@ -74,6 +74,16 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Which materials are clear, by number: those that let through at least half of the light that meets them, over their texture in the
+    /// mean. Rays other than those that start at the camera pass their surfaces as if these were not there.
+    pub fn clear_materials(&self) -> Vec<bool> {
+        let part = |material: &Material| {
+            let texture = material.transmission_texture.map(|reference| &self.textures[reference.texture]);
+            material.transmission * (1.0 - material.metallic) * texture.map_or(1.0, Texture::mean_red)
+        };
+        self.materials.iter().map(|material| material.transmission > 0.0 && part(material) >= 0.5).collect()
+    }
+
     /// The materials by their names, and whether they emit light.
     pub fn named_materials(&self) -> impl Iterator<Item = (&str, bool)> + Clone {
         self.materials.iter().map(|material| (material.name.as_str(), material.emission != Vec3::ZERO))

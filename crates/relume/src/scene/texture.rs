@@ -82,6 +82,12 @@ impl Texture {
         }
     }
 
+    /// The mean of the red channel as it is stored, `0..=1`; of a linear texture.
+    pub fn mean_red(&self) -> f32 {
+        let sum: u64 = self.texels.iter().map(|texel| u64::from(texel[0])).sum();
+        (sum as f64 / (255.0 * self.texels.len().max(1) as f64)) as f32
+    }
+
     /// Linear RGB and alpha at `uv`, bilinear between texel centres.
     pub fn sample(&self, uv: Vec2) -> Vec4 {
         // Coordinates beyond a few thousand repeats carry no texel precision; NaN reads as 0.

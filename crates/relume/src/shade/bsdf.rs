@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 
 use super::ggx::{distribution, reflection_density, schlick, visibility};
 use super::lobe::reflected;
-use super::{DIELECTRIC_F0, Surface, energy};
+use super::{Surface, energy};
 use crate::trace::sampling::cosine_hemisphere;
 
 /// Shading by glTF's metallic-roughness model: a diffuse lobe `k_d / pi` and a GGX lobe with height-correlated
@@ -22,7 +22,7 @@ impl Surface {
             return self.diffuse_albedo;
         }
         let pair = energy::table().pair(cos_view, self.roughness);
-        self.diffuse_albedo * (1.0 - self.dielectric_specular * (DIELECTRIC_F0 * pair.x + pair.y))
+        self.diffuse_albedo * (1.0 - self.dielectric_specular * (self.dielectric_f0 * pair.x + pair.y))
     }
 
     /// The specular lobe's BRDF, 1/sr, without any cosine, for unit vectors from the point to the viewer and to
@@ -55,7 +55,7 @@ impl Surface {
     /// The diffuse lobe's part of [`Self::hemispherical_reflectance`]: what is linear in the base colour factor.
     pub fn hemispherical_diffuse(&self) -> Vec3 {
         let pair = energy::table().average_pair(self.roughness);
-        let taken = self.dielectric_specular * (DIELECTRIC_F0 * pair.x + pair.y);
+        let taken = self.dielectric_specular * (self.dielectric_f0 * pair.x + pair.y);
         self.diffuse_albedo * (1.0 - taken)
     }
 

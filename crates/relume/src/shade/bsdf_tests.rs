@@ -10,19 +10,15 @@ use crate::trace::sampling::{cosine_hemisphere, sobol_2d, uniform_sphere};
 
 fn surface(roughness: f32, metallic: f32, color: Vec3) -> Surface {
     Surface {
-        position: Vec3::ZERO,
-        geometric_normal: Vec3::Y,
-        shading_normal: Vec3::Y,
         diffuse_albedo: color * (1.0 - metallic),
         white_albedo: Vec3::splat(1.0 - metallic),
         specular_f0: Vec3::splat(0.04).lerp(color, metallic),
         specular_f90: 1.0,
         dielectric_specular: 1.0,
+        dielectric_f0: 0.04,
         roughness,
-        emission: Vec3::ZERO,
-        material: 0,
-        object: 0,
         lit: true,
+        ..Surface::BLACK
     }
 }
 

@@ -54,6 +54,14 @@ impl Dome {
         }
     }
 
+    /// The same without the suns of its map.
+    pub fn radiance_without_suns(&self, direction: Vec3) -> Vec3 {
+        match &self.map {
+            Some(map) => map.radiance_without_suns(self.unturned(direction)) * self.intensity,
+            None => self.intensity,
+        }
+    }
+
     /// With which density, 1/sr, [`Self::sample`] draws a unit direction.
     pub fn density(&self, direction: Vec3) -> f32 {
         self.map.as_ref().map_or(0.25 / PI, |map| map.density(self.unturned(direction)))

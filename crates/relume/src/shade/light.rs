@@ -1,8 +1,8 @@
-use std::f32::consts::TAU;
+use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use super::Dome;
+use super::{Dome, ViewCone};
 use crate::scene::{Light, LightKind};
 use crate::trace::sampling::tangents;
 use crate::trace::{Ray, offset_origin};
@@ -173,6 +173,35 @@ impl PreparedLight {
         let axis = if distance2 > 1e-30 { to_center / distance } else { Vec3::Y };
         let factor = cone.map_or(1.0, |cone| cone.factor(-axis.dot(cone.axis)));
         (factor > 0.0).then_some((axis, distance, self.color * factor))
+    }
+
+    /// What a view along `ray` (its direction of unit length), as wide as `cone`, shows of the light itself, W/(sr m^2): the light's disc with an
+    /// edge as wide as the view, and never narrower than it, so that small lights are neither lost between views nor made brighter. Nothing
+    /// where the view was not turned, and of a dome.
+    pub fn seen_along(&self, ray: &Ray, cone: &ViewCone) -> Vec3 {
+        if !cone.turned {
+            return Vec3::ZERO;
+        }
+        let Some(LightSample { direction, distance, irradiance }) = self.center(ray.origin) else {
+            return Vec3::ZERO;
+        };
+        // the sine and, but for lights that are close, the angle
+        let radius = match self.shape {
+            Shape::Local { radius2, .. } => radius2.sqrt() / distance.max(f32::MIN_POSITIVE),
+            Shape::Distant { one_minus_cos, .. } => (one_minus_cos * (2.0 - one_minus_cos)).sqrt(),
+            Shape::Dome(_) => 0.0,
+        };
+        if distance > ray.t_max || radius >= 1.0 {
+            return Vec3::ZERO;
+        }
+        let off = ray.direction.cross(direction).length().atan2(ray.direction.dot(direction));
+        let spread = cone.angle_at(distance);
+        let spread2 = (spread * spread).max(f32::MIN_POSITIVE);
+        // a disc that fades over the spread to both sides of its edge holds as much as a sharp one of `wide2`
+        let wide2 = (radius * radius).max(spread2 * (4.0 / 3.0));
+        let edge = (wide2 - spread2 * (1.0 / 3.0)).sqrt().min(1.0).asin();
+        let part = ((edge + spread - off) / (2.0 * spread2.sqrt())).clamp(0.0, 1.0);
+        irradiance * (part / (PI * wide2))
     }
 
     /// The whole light as if it shone from its centre. On a surface that has all of the light above its horizon,

@@ -196,19 +196,13 @@ mod tests {
     fn the_response_is_the_brdf_times_the_cosine() {
         let view = Vec3::new(0.6, 0.8, 0.0);
         let surface = Surface {
-            position: Vec3::ZERO,
             geometric_normal: NORMAL,
             shading_normal: NORMAL,
-            diffuse_albedo: Vec3::ZERO,
-            white_albedo: Vec3::ZERO,
             specular_f0: Vec3::splat(0.3),
             specular_f90: 1.0,
-            dielectric_specular: 0.0,
             roughness: 0.4,
-            emission: Vec3::ZERO,
-            material: 0,
-            object: 0,
             lit: true,
+            ..Surface::BLACK
         };
         let lobe = SpecularLobe::new(NORMAL, view, 0.4, 0.3, 1.0).expect("it reflects");
         for i in 0..256 {

@@ -10,6 +10,7 @@ mod energy;
 mod ggx;
 mod light;
 mod lobe;
+mod specular;
 mod surface;
 
 pub use bsdf::{Bsdf, BsdfSample};
@@ -17,7 +18,10 @@ pub use dome::Dome;
 pub use light::{LightSample, PreparedLight, needs_samples, sample, shadow_ray};
 pub(crate) use lobe::LobeTerms;
 pub use lobe::SpecularLobe;
-pub use surface::{DIELECTRIC_F0, MIN_ROUGHNESS, Surface, surface_at, surface_on_triangle};
+pub use specular::{
+    LEAST_THROUGHPUT, MAX_SPECULAR_EVENTS, Medium, POLISHED_ROUGHNESS, SpecularEvent, ViewCone,
+};
+pub use surface::{MIN_ROUGHNESS, Surface, surface_at, surface_on_triangle};
 
 /// Warms the one table that shading reads (about 10 ms, once a process), so that no frame pays for it.
 pub fn warm_up() {

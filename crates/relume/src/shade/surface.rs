@@ -1,10 +1,7 @@
 use glam::{Vec2, Vec3};
 
-use crate::scene::{Geometry, Material, Scene, TextureRef};
+use crate::scene::{Geometry, Interior, Material, Scene, TextureRef};
 use crate::trace::Hit;
-
-/// Reflectance along the normal of a dielectric with refractive index 1.5, as glTF has it.
-pub const DIELECTRIC_F0: f32 = 0.04;
 
 /// Perceptual roughness below this is raised to it: the lobe of a smoother surface is too narrow for f32, and
 /// for any renderer that samples lights and lobes.
@@ -33,6 +30,16 @@ pub struct Surface {
     pub specular_f90: f32,
     /// [`Material::specular`]: scales how much the dielectric's specular lobe takes from the diffuse one.
     pub dielectric_specular: f32,
+    /// Reflectance of the dielectric along the normal, before that scale: 0.04 at the usual refractive index of 1.5.
+    pub dielectric_f0: f32,
+    /// What passes the surface of the light that it does not reflect: the tint of [`Material::transmission`].
+    pub transmission: Vec3,
+    /// What a transmitting surface bounds.
+    pub interior: Interior,
+    /// Refractive index of the dielectric.
+    pub ior: f32,
+    /// How fast the interpolated normal turns along the surface, radians a metre; 0 where it is neither polished nor transmits.
+    pub curvature: f32,
     /// Perceptual roughness, [`MIN_ROUGHNESS`]`..=1`; GGX's alpha is its square.
     pub roughness: f32,
     /// Emitted radiance, W/(sr m^2).
@@ -41,7 +48,9 @@ pub struct Surface {
     pub material: u32,
     /// Object number.
     pub object: u32,
-    /// False at the back of a one-sided surface. It blocks light but neither reflects nor emits: albedo,
+    /// Whether the triangle's front is looked at.
+    pub front: bool,
+    /// False at the back of a one-sided surface that transmits nothing. It blocks light but neither reflects nor emits: albedo,
     /// specular and emission are then zero.
     pub lit: bool,
 }
@@ -83,19 +92,19 @@ pub fn surface_on_triangle(
         position: point.interpolate(point.corners),
         geometric_normal: side * point.geometric_normal,
         shading_normal: side * point.shading_normal(scene, geometry, material),
-        diffuse_albedo: Vec3::ZERO,
-        white_albedo: Vec3::ZERO,
-        specular_f0: Vec3::ZERO,
-        specular_f90: 0.0,
-        dielectric_specular: 0.0,
-        roughness: 1.0,
-        emission: Vec3::ZERO,
+        interior: material.interior,
+        ior: material.ior,
         material: material_id,
         object: geometry.objects[triangle as usize],
-        lit: front || material.double_sided,
+        front,
+        lit: front || material.double_sided || material.transmission > 0.0,
+        ..Surface::BLACK
     };
     if surface.lit {
         surface.apply_material(scene, material, point.uv(geometry));
+        if surface.is_polished() || surface.transmission != Vec3::ZERO {
+            surface.curvature = point.curvature(geometry);
+        }
     }
     surface
 }
@@ -110,6 +119,29 @@ fn turned_into_view(normal: Vec3, view: Vec3) -> Vec3 {
 }
 
 impl Surface {
+    /// At the origin, facing +Y, reflecting nothing.
+    pub const BLACK: Self = Self {
+        position: Vec3::ZERO,
+        geometric_normal: Vec3::Y,
+        shading_normal: Vec3::Y,
+        diffuse_albedo: Vec3::ZERO,
+        white_albedo: Vec3::ZERO,
+        specular_f0: Vec3::ZERO,
+        specular_f90: 0.0,
+        dielectric_specular: 0.0,
+        dielectric_f0: 0.0,
+        transmission: Vec3::ZERO,
+        interior: Interior::Thin,
+        ior: 1.0,
+        curvature: 0.0,
+        roughness: 1.0,
+        emission: Vec3::ZERO,
+        material: 0,
+        object: 0,
+        front: true,
+        lit: false,
+    };
+
     /// The surface with this base colour factor, linear RGB, in place of its material's, in its diffuse lobe alone: the specular one
     /// stays as it is, that of metals too.
     #[must_use]
@@ -123,9 +155,15 @@ impl Surface {
         let factors = texture_rgb(scene, material.metallic_roughness_texture, uv);
         let metallic = (material.metallic * factors.z).clamp(0.0, 1.0);
         let specular = material.specular.clamp(0.0, 1.0);
-        self.diffuse_albedo = base_color * (1.0 - metallic);
-        self.white_albedo = texel * (1.0 - metallic);
-        self.specular_f0 = Vec3::splat(DIELECTRIC_F0 * specular).lerp(base_color, metallic);
+        let passes = match material.transmission {
+            0.0 => 0.0,
+            passes => passes * texture_rgb(scene, material.transmission_texture, uv).x,
+        };
+        self.diffuse_albedo = base_color * ((1.0 - metallic) * (1.0 - passes));
+        self.white_albedo = texel * ((1.0 - metallic) * (1.0 - passes));
+        self.transmission = base_color * ((1.0 - metallic) * passes);
+        self.dielectric_f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
+        self.specular_f0 = Vec3::splat(self.dielectric_f0 * specular).lerp(base_color, metallic);
         self.specular_f90 = specular + (1.0 - specular) * metallic;
         self.dielectric_specular = specular;
         self.roughness = (material.roughness * factors.y).clamp(MIN_ROUGHNESS, 1.0);
@@ -163,6 +201,16 @@ impl TrianglePoint {
     fn uv(&self, geometry: &Geometry) -> Vec2 {
         let [a, b, c] = self.vertices.map(|vertex| geometry.uvs[vertex]);
         a * self.weights[0] + b * self.weights[1] + c * self.weights[2]
+    }
+
+    /// The fastest turn of the interpolated normal along an edge, radians a metre.
+    fn curvature(&self, geometry: &Geometry) -> f32 {
+        let normals = self.vertices.map(|vertex| geometry.normals[vertex]);
+        let along = |(from, to): (usize, usize)| {
+            let length = self.corners[from].distance(self.corners[to]);
+            normals[from].distance(normals[to]) / length.max(f32::MIN_POSITIVE)
+        };
+        [(0, 1), (1, 2), (2, 0)].into_iter().map(along).fold(0.0, f32::max)
     }
 
     /// Interpolated normal, on the front whatever the file's winding says, with the normal map applied.

@@ -27,14 +27,16 @@ use super::packed_runs::PackedRuns;
 use super::{
     Buffer, Encoding, EncodingError, ImageLayout, Matrix, Occluders, Operator, Report, Timings, Transfer,
 };
-use crate::sample::{Emitted, GatherCloud, Receivers, SUB_SAMPLES, SkyCells, ViewSample, ViewSamples};
+use crate::sample::{
+    Chains, Emitted, GatherCloud, Receivers, SUB_SAMPLES, SkyCells, ViewGrid, ViewSample, ViewSamples,
+};
 use crate::scene::Wrap;
 use crate::trace::{AlphaMask, AlphaMasks};
 use crate::{Error, Result, atomic_write};
 
 /// Version of the file format. A file of another version is refused: preparing again takes minutes, guessing at old
 /// files costs trust.
-pub const FORMAT_VERSION: u32 = 7;
+pub const FORMAT_VERSION: u32 = 8;
 
 const KEY: &str = "relume";
 
@@ -92,6 +94,13 @@ impl<'a> Tensors<'a> {
         self.0.push((name.to_owned(), dtype, shape, bytemuck::cast_slice(values)));
     }
 
+    /// What is seen in mirrors and through glass; its emission stands beside it, as bytes.
+    fn add_chains(&mut self, name: &str, (chains, emission): (&'a Chains, &'a [[u32; 4]])) {
+        self.add(&format!("{name}_branches"), Dtype::U8, &[84], &chains.branches);
+        self.add(&format!("{name}_branch_emission"), Dtype::U32, &[4], emission);
+        self.add(&format!("{name}_sky"), Dtype::U8, &[48], &chains.sky);
+    }
+
     fn add_operator(&mut self, name: &str, operator: &'a Operator) {
         let part = |part: &str| format!("{name}.{part}");
         self.add(&part("weights"), Dtype::F32, &[], &operator.weights);
@@ -143,6 +152,8 @@ impl Transfer {
             self.occluders.masks.masks.iter().flat_map(|m| m.alpha.iter().copied()).collect();
         let (centers, quads) =
             (emission_bytes(&self.view.center_emission), emission_bytes(&self.view.quad_emission));
+        let behind_centers = emission_bytes(&self.view.center_chains.emission);
+        let behind_quads = emission_bytes(&self.view.quad_chains.emission);
         let mut tensors = Tensors::default();
         tensors.add("view.centers", Dtype::U8, &[48], &self.view.centers);
         tensors.add("view.quads", Dtype::U8, &[48], &self.view.quads);
@@ -150,6 +161,10 @@ impl Transfer {
         tensors.add("view.quad_emission", Dtype::U32, &[4], &quads);
         tensors.add("view.rows_of_centers", Dtype::U32, &[], &self.rows_of_centers);
         tensors.add("view.rows_of_quads", Dtype::U32, &[], &self.rows_of_quads);
+        tensors.add_chains("view.center", (&self.view.center_chains, &behind_centers));
+        tensors.add_chains("view.quad", (&self.view.quad_chains, &behind_quads));
+        tensors.add("view.rows_of_center_branches", Dtype::U32, &[], &self.rows_of_center_branches);
+        tensors.add("view.rows_of_quad_branches", Dtype::U32, &[], &self.rows_of_quad_branches);
         tensors.add("cloud.samples", Dtype::U8, &[64], &self.cloud.samples);
         tensors.add("cloud.sky", Dtype::U32, &[], self.cloud.sky.starts());
         tensors.add("cloud.sub_samples", Dtype::U8, &[24], &self.cloud.sub_samples);
@@ -247,6 +262,10 @@ impl MaskHeader {
 
 fn is_light(radiance: Vec3) -> bool {
     radiance.is_finite() && radiance.min_element() >= 0.0
+}
+
+fn is_length(value: f32) -> bool {
+    value.is_finite() && value >= 0.0
 }
 
 fn seal(header: &RawValue) -> String {
@@ -378,25 +397,46 @@ impl<'a> Opened<'a> {
             quads: self.values("view.quads")?,
             center_emission: emission_from(&self.buffer("view.center_emission")?),
             quad_emission: emission_from(&self.buffer("view.quad_emission")?),
+            center_chains: self.chains("view.center")?,
+            quad_chains: self.chains("view.quad")?,
         };
         let pixels = width.checked_mul(height);
         let materials = self.header.report.materials.len();
-        let known = |samples: &[ViewSample]| {
-            samples.par_iter().all(|sample| !sample.is_lit() || (sample.material as usize) < materials)
-        };
-        let emits = |samples: &[ViewSample], emission: &[(u32, Vec3)]| {
-            emission.iter().all(|&(index, radiance)| {
-                let sample = samples.get(index as usize);
-                sample.is_some_and(|sample| (sample.material as usize) < materials) && is_light(radiance)
-            })
-        };
+        let known = |sample: &ViewSample| !sample.is_lit() || (sample.material as usize) < materials;
         let fits = pixels == Some(view.centers.len())
-            && pixels.and_then(|pixels| pixels.checked_mul(4)) == Some(view.quads.len())
-            && known(&view.centers)
-            && known(&view.quads)
-            && emits(&view.centers, &view.center_emission)
-            && emits(&view.quads, &view.quad_emission);
+            && pixels.and_then(|pixels| pixels.checked_mul(4)) == Some(view.quads.len());
+        if !fits {
+            return Err(self.refuse("view"));
+        }
+        let sound = |grid: ViewGrid<'_>| {
+            let ViewGrid { samples, chains: Chains { branches, sky, .. }, .. } = grid;
+            let owned = |owner: u32| (owner as usize) < samples.len();
+            let emits = |sample: Option<&ViewSample>, radiance: Vec3| {
+                sample.is_some_and(|sample| (sample.material as usize) < materials) && is_light(radiance)
+            };
+            samples.par_iter().all(known)
+                && branches.par_iter().all(|branch| known(&branch.sample) && owned(branch.owner))
+                && branches.is_sorted_by_key(|branch| branch.owner)
+                && branches.iter().all(|branch| branch.eye.is_finite() && is_length(branch.last))
+                && branches.iter().all(|branch| is_length(branch.spread) && is_length(branch.width))
+                && sky.iter().all(|view| owned(view.owner) && is_light(view.throughput))
+                && sky.iter().all(|view| view.direction.is_normalized() && view.origin.is_finite())
+                && sky.iter().all(|view| is_length(view.spread) && is_length(view.width))
+                && grid.emission.iter().all(|&(index, light)| emits(samples.get(index as usize), light))
+                && grid.chains.emission.iter().all(|&(index, light)| {
+                    emits(branches.get(index as usize).map(|branch| &branch.sample), light)
+                })
+        };
+        let fits = [1, 2].into_iter().all(|aa| sound(view.grid(aa)));
         if fits { Ok(view) } else { Err(self.refuse("view")) }
+    }
+
+    fn chains(&self, name: &str) -> Result<Chains> {
+        Ok(Chains {
+            branches: self.values(&format!("{name}_branches"))?,
+            emission: emission_from(&self.buffer(&format!("{name}_branch_emission"))?),
+            sky: self.values(&format!("{name}_sky"))?,
+        })
     }
 
     fn cloud(&self) -> Result<GatherCloud> {
@@ -473,7 +513,9 @@ impl<'a> Opened<'a> {
         }
         let (view, cloud) = (self.view()?, self.cloud()?);
         let gather = self.operator("gather", &self.header.gather, cloud.len())?;
-        if gather.rows > view.centers.len() + view.quads.len() {
+        let [behind_centers, behind_quads] =
+            [&view.center_chains, &view.quad_chains].map(|chains| chains.branches.len());
+        if gather.rows > view.centers.len() + view.quads.len() + behind_centers + behind_quads {
             return Err(self.refuse("gather"));
         }
         let glossy = self.header.glossy.as_ref();
@@ -493,6 +535,8 @@ impl<'a> Opened<'a> {
         };
         let rows_of_centers = rows("view.rows_of_centers", view.centers.len())?;
         let rows_of_quads = rows("view.rows_of_quads", view.quads.len())?;
+        let rows_of_center_branches = rows("view.rows_of_center_branches", behind_centers)?;
+        let rows_of_quad_branches = rows("view.rows_of_quad_branches", behind_quads)?;
         let occluders = self.occluders()?;
         let report = self.header.report;
         Ok(Transfer {
@@ -505,6 +549,8 @@ impl<'a> Opened<'a> {
             bounce,
             rows_of_centers,
             rows_of_quads,
+            rows_of_center_branches,
+            rows_of_quad_branches,
             occluders,
         })
     }

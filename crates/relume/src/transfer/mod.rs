@@ -80,10 +80,15 @@ pub struct Transfer {
     /// From light on the cloud to the cloud itself; albedo is applied outside. One row a gather sample of a surface: those of the sky, the
     /// last ones, receive nothing. One bounce, or all of them: see [`Self::multibounce`].
     pub bounce: Operator,
-    /// The row of `gather` that each of the view's centres takes its light from; [`Receivers::NONE`] where nothing reflects.
+    /// The row of `gather` that each of the view's centres takes its light from; [`Receivers::NONE`] where nothing is
+    /// gathered.
     pub rows_of_centers: Buffer<u32>,
     /// The same for the view's quads.
     pub rows_of_quads: Buffer<u32>,
+    /// The same for the branches of the view's centres.
+    pub rows_of_center_branches: Buffer<u32>,
+    /// The same for those of its quads.
+    pub rows_of_quad_branches: Buffer<u32>,
     /// What casts shadows.
     pub occluders: Occluders,
 }
@@ -141,6 +146,15 @@ impl Transfer {
         bytes as f64 / self.view.pixels().max(1) as f64
     }
 
+    /// What of the view samples of a grid takes its light from which row: of the samples themselves, and of their branches.
+    pub fn rows_of(&self, aa: u32) -> [&[u32]; 2] {
+        if aa == 1 {
+            [&self.rows_of_centers, &self.rows_of_center_branches]
+        } else {
+            [&self.rows_of_quads, &self.rows_of_quad_branches]
+        }
+    }
+
     /// Bytes of the glossy operator; 0 without.
     pub fn glossy_bytes(&self) -> usize {
         self.glossy.as_ref().map_or(0, Operator::bytes)
@@ -172,16 +186,18 @@ impl Transfer {
 
     /// Numbers of the materials that the camera sees shine or whose light the cloud has, ascending.
     pub fn emissive_materials(&self) -> Vec<u32> {
-        let view = &self.view;
-        let centers = view.center_emission.iter().map(|&(index, _)| view.centers[index as usize].material);
-        let quads = view.quad_emission.iter().map(|&(index, _)| view.quads[index as usize].material);
+        let seen = [1, 2].into_iter().flat_map(|aa| self.view.grid(aa).emitted());
+        let seen = seen.map(|(_, material, _)| material);
         let cloud = self.cloud.emitted.iter().map(|part| part.material);
-        centers.chain(quads).chain(cloud).collect::<BTreeSet<u32>>().into_iter().collect()
+        seen.chain(cloud).collect::<BTreeSet<u32>>().into_iter().collect()
     }
 
     /// Numbers of the materials that the camera sees or that reflect light to what it sees, ascending: those whose edits show.
     pub fn shown_materials(&self) -> Vec<u32> {
-        let samples = self.view.centers.iter().chain(&self.view.quads).filter(|sample| sample.is_lit());
+        let grids = [1, 2].map(|aa| self.view.grid(aa));
+        let straight = grids.iter().flat_map(|grid| grid.samples);
+        let behind = grids.iter().flat_map(|grid| &grid.chains.branches).map(|branch| &branch.sample);
+        let samples = straight.chain(behind).filter(|sample| sample.is_lit());
         let cloud =
             self.cloud.diffuse.iter().zip(&self.cloud.sub_samples).filter(|(_, sub)| sub.weight() > 0.0);
         let mut shown = vec![false; self.report.materials.len()];

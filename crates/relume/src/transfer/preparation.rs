@@ -21,9 +21,9 @@ use super::{
 };
 use crate::Result;
 use crate::progress::Progress;
-use crate::sample::{CellMap, CloudSettings, GatherCloud, QUAD, Receivers, ViewSamples};
+use crate::sample::{CellMap, CloudSettings, GatherCloud, QUAD, Receivers, ViewHits, ViewSamples};
 use crate::scene::{Camera, Geometry, Scene};
-use crate::trace::Accel;
+use crate::trace::{Accel, Hit};
 
 /// Lights of other kinds than are learned from, by which encodings are judged as well.
 const OTHER_LIGHTS: usize = 24;
@@ -91,12 +91,17 @@ impl<'a> Preparation<'a> {
         let stages = Stages::new(progress);
         let geometry = Geometry::new(self.scene);
         progress.stage("acceleration structure", 1);
-        let accel = Accel::new(self.scene, &geometry);
-        let shot = Shot { scene: self.scene, geometry: &geometry, accel: &accel, settings: &self.settings };
-        let (view, receivers, cloud, map) = shot.samples(&camera, &stages)?;
+        let all = Accel::new(self.scene, &geometry);
+        let opaque = geometry.without_clear().map(|geometry| (Accel::new(self.scene, &geometry), geometry));
+        let (accel, opaque) =
+            opaque.as_ref().map_or((&all, &geometry), |(accel, geometry)| (accel, geometry));
+        let shot = Shot { scene: self.scene, geometry: opaque, accel, settings: &self.settings };
+        let (view, hits) =
+            ViewSamples::new(self.scene, &geometry, &all, &camera, self.settings.size, &stages)?;
+        let (receivers, cloud, map) = shot.samples(&camera, &view, &hits, &stages)?;
         let (gather, bounce, owners) = shot.operators(&receivers, &cloud, &map, &stages)?;
         let settings = &self.settings;
-        let lit = (receivers.points.len() - receivers.further.len()).max(1) as f64;
+        let lit = receivers.gathering_centers().max(1) as f64;
         let rows = row_numbers(&owners);
         let report = Report {
             settings: settings.clone(),
@@ -121,7 +126,7 @@ impl<'a> Preparation<'a> {
             glossy_error: gather.glossy.as_ref().map(|glossy| glossy.expected_error),
             bounce_error: bounce.operator.expected_error,
         };
-        let occluders = Occluders::new(&geometry, accel.masks());
+        let occluders = Occluders::new(opaque, accel.masks());
         let timings = Timings { stages: stages.finish(), seconds: began.elapsed().as_secs_f64() };
         Ok(Transfer {
             report,
@@ -133,6 +138,8 @@ impl<'a> Preparation<'a> {
             bounce: bounce.operator,
             rows_of_centers: rows(&receivers.of_centers),
             rows_of_quads: rows(&receivers.of_quads),
+            rows_of_center_branches: rows(&receivers.of_center_branches),
+            rows_of_quad_branches: rows(&receivers.of_quad_branches),
             occluders,
         })
     }
@@ -193,12 +200,12 @@ impl Shot<'_> {
     fn samples(
         &self,
         camera: &Camera,
+        view: &ViewSamples,
+        hits: &ViewHits,
         progress: &dyn Progress,
-    ) -> Result<(ViewSamples, Receivers, GatherCloud, CellMap)> {
+    ) -> Result<(Receivers, GatherCloud, CellMap)> {
         let (width, height) = self.settings.size;
-        let (view, hits) =
-            ViewSamples::new(self.scene, self.geometry, self.accel, camera, (width, height), progress)?;
-        let receivers = Receivers::new(&view, camera, self.settings.glossy);
+        let receivers = Receivers::new(view, camera, self.settings.glossy);
         let look = |pixel: usize, offset: Vec2| {
             let (x, y) = ((pixel % width) as f32 + offset.x, (pixel / width) as f32 + offset.y);
             camera.direction(x, y, width, height)
@@ -207,12 +214,17 @@ impl Shot<'_> {
             hits.centers.iter().enumerate().map(|(pixel, &hit)| (hit, look(pixel, Vec2::splat(0.5))));
         let further = receivers.further.iter().map(|&quad| quad as usize);
         let further = further.map(|quad| (hits.quads[quad], look(quad / 4, QUAD[quad % 4])));
-        let seen: Vec<_> = centers.chain(further).collect();
+        let branches = receivers.further_branches.iter().map(|&branch| hits.quad_branches[branch as usize]);
+        let branches = hits.center_branches.iter().copied().chain(branches);
+        // clear surfaces are not there for the light that is gathered
+        let opaque = self.geometry.triangles.len();
+        let is_opaque = |(hit, _): &(Hit, Vec3)| !hit.is_hit() || (hit.triangle as usize) < opaque;
+        let seen: Vec<_> = centers.chain(further).chain(branches).filter(is_opaque).collect();
         let Settings { gather: count, cloud: method, sky, seed, .. } = *self.settings;
         let settings = CloudSettings { count, method, sky, seed };
         let (cloud, map) =
             GatherCloud::new(self.scene, self.geometry, self.accel, &seen, &settings, progress)?;
-        Ok((view, receivers, cloud, map))
+        Ok((receivers, cloud, map))
     }
 
     fn operators(

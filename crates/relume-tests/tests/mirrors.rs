@@ -1,0 +1,357 @@
+//! What the camera sees in mirrors and through glass: the relighter and the path tracer, each against closed forms, and against each other.
+
+use std::f32::consts::PI;
+use std::path::Path;
+use std::sync::Arc;
+
+use relume::glam::{Vec3, Vec4};
+use relume::image::Image;
+use relume::relight::{Only, RelightSettings};
+use relume::sample::Receivers;
+use relume::scene::{EnvironmentMap, Geometry, Interior, Material};
+use relume::trace::Accel;
+use relume::transfer::{Quality, Settings};
+use relume::{LightKind, LightRig, Transfer};
+use relume_tests::prepared::{prepare, relight_afresh, tiny};
+use relume_tests::scenes::{SceneBuilder, TestScene, emissive, lambertian, omni, rig};
+use relume_tests::truth::{Truths, trace, unbiased_relative_l2};
+
+const SIZE: (usize, usize) = (32, 24);
+const TINT: Vec3 = Vec3::new(0.9, 0.7, 0.5);
+
+/// A polished metal.
+fn mirror() -> Material {
+    Material { base_color: TINT.extend(1.0), metallic: 1.0, roughness: 0.0, ..Material::default() }
+}
+
+fn glass(interior: Interior, tint: Vec3) -> Material {
+    Material {
+        base_color: tint.extend(1.0),
+        roughness: 0.0,
+        transmission: 1.0,
+        interior,
+        double_sided: interior == Interior::Thin,
+        ..Material::default()
+    }
+}
+
+fn schlick(f0: Vec3, cos: f32) -> Vec3 {
+    f0 + (Vec3::ONE - f0) * (1.0 - cos).powi(5)
+}
+
+/// The direct layer, one sample a pixel: relit, and path-traced.
+fn direct(built: &TestScene, lights: &LightRig) -> (Arc<Transfer>, [Image; 2]) {
+    let transfer = Arc::new(prepare(built, Settings { size: SIZE, ..tiny() }));
+    let settings = RelightSettings { aa: 1, bounces: Some(0), ..RelightSettings::default() };
+    let relit = relight_afresh(&transfer, lights, &settings).direct;
+    (transfer, [relit, trace(built, lights, SIZE, 1, 64).direct.mean()])
+}
+
+/// Pixels where both images differ from what is expected by more than this part of it, with what they show.
+fn off(images: &[Image; 2], expected: impl Fn(usize) -> Vec3, part: f32) -> Vec<(usize, [Vec3; 2], Vec3)> {
+    let wrong = |pixel: &usize| {
+        let expected = expected(*pixel);
+        images.iter().any(|image| (image.pixels[*pixel] - expected).length() > part * expected.length())
+    };
+    let pixels = (0..images[0].pixels.len()).filter(wrong);
+    pixels.map(|pixel| (pixel, images.each_ref().map(|image| image.pixels[pixel]), expected(pixel))).collect()
+}
+
+/// The unit direction of the ray through a pixel's centre.
+fn ray(built: &TestScene, pixel: usize) -> Vec3 {
+    let (x, y) = ((pixel % SIZE.0) as f32 + 0.5, (pixel / SIZE.0) as f32 + 0.5);
+    built.scene.cameras[0].direction(x, y, SIZE.0, SIZE.1)
+}
+
+/// A white ceiling at a height of 4, which alone can be seen in whatever lies below it, from a camera at a height of 1 that looks down.
+fn under_a_ceiling() -> SceneBuilder {
+    let mut builder = SceneBuilder::new();
+    let white = builder.material(lambertian(Vec3::splat(0.8)));
+    builder.quad(Vec3::new(-50.0, 4.0, -50.0), Vec3::X * 100.0, Vec3::Z * 100.0, white).camera(
+        Vec3::new(0.0, 1.0, 0.0),
+        Vec3::new(0.3, 0.0, -1.2),
+        50.0,
+    );
+    builder
+}
+
+/// Radiance of the ceiling at a point, under a lamp.
+fn ceiling(point: Vec3, lamp: Vec3, intensity: f32) -> Vec3 {
+    let away = point - lamp;
+    Vec3::splat(0.8 / PI * intensity * away.y / away.length().powi(3))
+}
+
+#[test]
+fn a_mirror_shows_the_light_of_what_it_mirrors() {
+    let mut builder = under_a_ceiling();
+    let material = builder.material(mirror());
+    builder.quad(Vec3::new(-50.0, 0.0, -50.0), Vec3::Z * 100.0, Vec3::X * 100.0, material);
+    let built = builder.build();
+    let lamp = Vec3::new(0.0, 2.0, 6.0);
+    let (transfer, images) = direct(&built, &rig([omni(lamp, Vec3::splat(30.0), 0.0)]));
+    let expected = |pixel| {
+        let view = ray(&built, pixel);
+        let met = Vec3::Y + view * (-1.0 / view.y);
+        let mirrored = view * Vec3::new(1.0, -1.0, 1.0);
+        schlick(TINT, -view.y) * ceiling(met + mirrored * (4.0 / mirrored.y), lamp, 30.0)
+    };
+    let wrong = off(&images, expected, 2e-3);
+    assert!(wrong.is_empty(), "{} pixels, as {:?}", wrong.len(), wrong[0]);
+    // the mirror itself gathers nothing, and its view samples are on the ceiling, as far away as they look
+    assert!(transfer.rows_of_centers.iter().all(|&row| row == Receivers::NONE));
+    for branch in &transfer.view.center_chains.branches {
+        let view = ray(&built, branch.owner as usize);
+        assert!((branch.sample.position.y - 4.0).abs() < 1e-4);
+        assert!((branch.sample.depth + 5.0 / view.y).abs() < 1e-3);
+        assert!((branch.view() - -view * Vec3::new(1.0, -1.0, 1.0)).length() < 1e-4);
+    }
+}
+
+#[test]
+fn a_pane_dims_what_is_behind_it_and_casts_no_shadow() {
+    let tint = Vec3::new(0.9, 0.8, 0.6);
+    let mut builder = SceneBuilder::new();
+    let white = builder.material(lambertian(Vec3::splat(0.8)));
+    let pane = builder.material(glass(Interior::Thin, tint));
+    builder
+        .quad(Vec3::new(-20.0, -20.0, -3.0), Vec3::X * 40.0, Vec3::Y * 40.0, white)
+        .quad(Vec3::new(-9.0, -9.0, -1.0), Vec3::X * 18.0, Vec3::Y * 18.0, pane)
+        .camera(Vec3::ZERO, Vec3::new(0.4, 0.1, -1.0), 60.0);
+    let built = builder.build();
+    assert_eq!((built.geometry.opaque, built.geometry.triangles.len()), (2, 4));
+    let lamp = Vec3::new(0.5, 2.0, 1.0);
+    let (transfer, images) = direct(&built, &rig([omni(lamp, Vec3::splat(10.0), 0.0)]));
+    let expected = |pixel| {
+        let view = ray(&built, pixel);
+        let to_lamp = lamp - view * (-3.0 / view.z);
+        let radiance = 0.8 / PI * 10.0 * to_lamp.z / to_lamp.length().powi(3);
+        tint * (1.0 - schlick(Vec3::splat(0.04), -view.z).x) * radiance
+    };
+    // the lamp, behind the camera, is mirrored in a few pixels
+    let wrong = off(&images, expected, 2e-3);
+    assert!(wrong.len() < 6, "{} pixels, as {:?}", wrong.len(), wrong[0]);
+    assert_eq!(transfer.occluders.triangles.len(), 2, "glass is no occluder");
+}
+
+/// A slab shifts what is behind it by Snell's law, and darkens it by its thickness.
+#[test]
+fn a_slab_of_glass_bends_and_absorbs() {
+    let extinction = Vec3::new(0.1, 0.4, 1.0);
+    let mut builder = SceneBuilder::new();
+    let white = builder.material(lambertian(Vec3::splat(0.8)));
+    let slab = builder.material(glass(Interior::Solid { extinction }, Vec3::ONE));
+    let wide = |z: f32| Vec3::new(-30.0, -30.0, z);
+    builder
+        .quad(wide(-3.0), Vec3::X * 60.0, Vec3::Y * 60.0, white)
+        .quad(wide(-1.0), Vec3::X * 60.0, Vec3::Y * 60.0, slab)
+        .quad(wide(-1.5), Vec3::Y * 60.0, Vec3::X * 60.0, slab)
+        .camera(Vec3::ZERO, Vec3::new(0.4, 0.1, -1.0), 50.0);
+    let built = builder.build();
+    let lamp = Vec3::new(3.0, 2.0, 4.0);
+    let (transfer, images) = direct(&built, &rig([omni(lamp, Vec3::splat(50.0), 0.0)]));
+    // where the view meets the wall, and what is left of its light
+    let behind = |pixel| {
+        let view = ray(&built, pixel);
+        let (cos, sin) = (-view.z, (1.0 - view.z * view.z).sqrt());
+        let cos_within = (1.0 - (sin / 1.5).powi(2)).sqrt();
+        let aside = (view.truncate() / sin).extend(0.0);
+        let across = 2.5 * sin / cos + 0.5 * (sin / 1.5) / cos_within;
+        let passes = 1.0 - schlick(Vec3::splat(0.04), cos).x;
+        let left = passes * passes * (extinction * (-0.5 / cos_within)).exp();
+        (aside * across - Vec3::Z * 3.0, left)
+    };
+    let expected = |pixel| {
+        let (point, left) = behind(pixel);
+        let to_lamp = lamp - point;
+        left * (0.8 / PI * 50.0 * to_lamp.z / to_lamp.length().powi(3))
+    };
+    // reflections within the slab, of which the relighter leaves out the faintest, and the mirrored lamp in a few pixels
+    let wrong = off(&images, expected, 0.012);
+    assert!(wrong.len() < 8, "{} pixels, as {:?}", wrong.len(), wrong[0]);
+    let mut found = 0;
+    for branch in transfer.view.center_chains.branches.iter().filter(|b| b.sample.position.z < -2.9) {
+        let (point, left) = behind(branch.owner as usize);
+        if (branch.throughput.get() - left).length() < 1e-3 {
+            assert!((branch.sample.position - point).length() < 2e-3, "{}", branch.sample.position);
+            found += 1;
+        }
+    }
+    assert_eq!(found, SIZE.0 * SIZE.1);
+}
+
+/// Domes show in mirrors as sharp as they are; so do lights with extent, as bright as they are.
+#[test]
+fn mirrors_show_the_sky_and_lights_themselves() {
+    let mut builder = SceneBuilder::new();
+    let material = builder.material(mirror());
+    let white = builder.material(lambertian(Vec3::splat(0.5)));
+    builder
+        .quad(Vec3::new(-50.0, 0.0, -50.0), Vec3::Z * 100.0, Vec3::X * 100.0, material)
+        .block(Vec3::new(0.2, 0.0, 3.0), Vec3::new(1.0, 0.1, 4.0), white)
+        .camera(Vec3::new(0.0, 1.0, 0.0), Vec3::new(0.0, 0.0, -1.2), 50.0);
+    let built = builder.build();
+    let mirrored = |pixel| ray(&built, pixel) * Vec3::new(1.0, -1.0, 1.0);
+    let texels: Vec<Vec3> = (0..512).map(|i| Vec3::new(1.0, (i % 7) as f32, (i / 32) as f32 * 0.1)).collect();
+    let map = Arc::new(EnvironmentMap::new("test", 32, 16, texels).unwrap());
+    for map in [None, Some(map)] {
+        let dome = LightKind::Dome { map: map.clone(), intensity: Vec3::new(1.0, 2.0, 3.0), rotation: 40.0 };
+        let (_, images) = direct(&built, &rig([dome]));
+        let dome = relume::shade::Dome::new(map, Vec3::new(1.0, 2.0, 3.0), 40.0);
+        let expected = |pixel| schlick(TINT, mirrored(pixel).y) * dome.radiance(mirrored(pixel));
+        let wrong = off(&images, expected, 2e-3);
+        assert!(wrong.is_empty(), "{} pixels, as {:?}", wrong.len(), wrong[0]);
+    }
+    // a ball of light over the mirror, 1.6 degrees across where it is seen, in the middle of the picture
+    let middle = ray(&built, 12 * SIZE.0 + 16) * Vec3::new(1.0, -1.0, 1.0);
+    let (at, radius) = (middle * 5.0 - Vec3::Y, 0.35);
+    let (_, images) = direct(&built, &rig([omni(at, Vec3::splat(2.0), radius)]));
+    for image in &images {
+        let shown = image.pixels[12 * SIZE.0 + 16];
+        let expected = schlick(TINT, middle.y) * (2.0 / (PI * radius * radius));
+        assert!((shown - expected).length() < 2e-3 * expected.length(), "{shown} instead of {expected}");
+    }
+    // a point, 5 metres away by way of the mirror, is spread over some pixels and loses nothing
+    let (_, images) = direct(&built, &rig([omni(at, Vec3::splat(2.0), 0.0)]));
+    let pixel = built.scene.cameras[0].pixel_angle(SIZE.0, SIZE.1);
+    for image in &images {
+        let sum: Vec3 = image.pixels.iter().copied().sum::<Vec3>() * (pixel * pixel);
+        let expected = schlick(TINT, middle.y) * (2.0 / 25.0);
+        println!("{sum} instead of {expected}");
+        assert!((sum / expected - 1.0).abs().max_element() < 0.1, "{sum} instead of {expected}");
+    }
+}
+
+/// What shines is seen shining in a mirror, and dims with its emitter.
+#[test]
+fn emitters_shine_in_mirrors() {
+    let mut builder = SceneBuilder::new();
+    let material = builder.material(mirror());
+    let shines =
+        builder.material(Material { name: "lamp".into(), ..emissive(Vec3::ZERO, Vec3::new(3.0, 2.0, 1.0)) });
+    builder
+        .quad(Vec3::new(-50.0, 4.0, -50.0), Vec3::X * 100.0, Vec3::Z * 100.0, shines)
+        .quad(Vec3::new(-50.0, 0.0, -50.0), Vec3::Z * 100.0, Vec3::X * 100.0, material)
+        .camera(Vec3::new(0.0, 1.0, 0.0), Vec3::new(0.3, 0.0, -1.2), 50.0);
+    let built = builder.build();
+    for scale in [1.0, 0.25] {
+        let mut lights = LightRig::default();
+        lights.emitters.push(relume::scene::Emitter { material: "lamp".into(), scale: Vec3::splat(scale) });
+        let (_, images) = direct(&built, &lights);
+        let expected = |pixel| schlick(TINT, -ray(&built, pixel).y) * Vec3::new(3.0, 2.0, 1.0) * scale;
+        let wrong = off(&images, expected, 2e-3);
+        assert!(wrong.is_empty(), "{} pixels, as {:?}", wrong.len(), wrong[0]);
+    }
+}
+
+fn parlour() -> TestScene {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/parlour.glb");
+    let scene = relume_io::load_scene(&path).expect("the parlour").scene;
+    let geometry = Geometry::new(&scene);
+    let accel = Accel::new(&scene, &geometry);
+    TestScene { scene, geometry, accel }
+}
+
+fn parlour_settings() -> Settings {
+    Settings { size: (96, 54), gather: 4096, quality: Quality::Standard, ..Settings::default() }
+}
+
+/// Relative L2 of direct and indirect light.
+fn errors(transfer: &Arc<Transfer>, lights: &LightRig, truth: &Truths) -> [f64; 2] {
+    let settings = RelightSettings { bounces: Some(3), aa: 1, ..RelightSettings::default() };
+    let layers = relight_afresh(transfer, lights, &settings);
+    [(&layers.direct, &truth.direct), (&layers.indirect, &truth.indirect[2])]
+        .map(|(image, truth)| unbiased_relative_l2(image, truth))
+}
+
+#[test]
+fn a_room_of_mirrors_and_glass_agrees_with_the_path_tracer() {
+    let built = parlour();
+    let mut lights = rig([
+        omni(Vec3::new(-0.3, 2.2, 1.0), Vec3::new(2.6, 2.3, 1.9), 0.08),
+        LightKind::Distant { direction: Vec3::new(0.2, -1.0, -0.4), irradiance: Vec3::ZERO, angle: 0.5 },
+    ]);
+    lights.emitters.push(relume::scene::Emitter { material: "lamp".into(), scale: Vec3::splat(6.0) });
+    let truth = trace(&built, &lights, (96, 54), 3, 256);
+    let transfer = Arc::new(prepare(&built, parlour_settings()));
+    let [direct, indirect] = errors(&transfer, &lights, &truth);
+    let mut blind = Transfer::clone(&transfer);
+    blind.view.center_chains = relume::sample::Chains::default();
+    blind.rows_of_center_branches = Vec::new().into();
+    let [blind_direct, blind_indirect] = errors(&Arc::new(blind), &lights, &truth);
+    println!(
+        "direct {direct:.4}, indirect {indirect:.4}; noise {:.4}, {:.4}; without mirrors and glass {blind_direct:.4}, {blind_indirect:.4}",
+        truth.direct.noise(),
+        truth.indirect[2].noise()
+    );
+    assert!(direct < 0.05 && indirect < 0.08, "{direct} {indirect}");
+    assert!(blind_direct > 0.2 && blind_indirect > 0.2, "{blind_direct} {blind_indirect}");
+}
+
+/// Base colours may be edited of what is seen in mirrors too.
+#[test]
+fn repainted_walls_are_repainted_in_the_mirror() {
+    let mut builder = under_a_ceiling();
+    let material = builder.material(mirror());
+    builder.quad(Vec3::new(-50.0, 0.0, -50.0), Vec3::Z * 100.0, Vec3::X * 100.0, material);
+    let mut built = builder.build();
+    built.scene.materials[0].name = "ceiling".into();
+    let mut lights = rig([omni(Vec3::new(0.0, 2.0, 6.0), Vec3::splat(30.0), 0.0)]);
+    let transfer = Arc::new(prepare(&built, Settings { size: SIZE, ..tiny() }));
+    let settings = RelightSettings { only: Only::Direct, ..RelightSettings::default() };
+    let white = relight_afresh(&transfer, &lights, &settings).direct;
+    let base_color = Vec3::new(0.8, 0.4, 0.1);
+    lights.materials.push(relume::scene::MaterialEdit { name: "ceiling".into(), base_color });
+    let painted = relight_afresh(&transfer, &lights, &settings).direct;
+    for (painted, white) in painted.pixels.iter().zip(&white.pixels) {
+        let expected = *white * base_color / 0.8;
+        assert!((*painted - expected).length() < 1e-3 * expected.length(), "{painted} {expected}");
+    }
+}
+
+#[test]
+fn caches_keep_mirrors_and_refuse_damaged_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("parlour.relume");
+    let transfer = prepare(&parlour(), Settings { size: (32, 18), ..tiny() });
+    assert!(!transfer.view.quad_chains.branches.is_empty());
+    transfer.save(&path).unwrap();
+    let loaded = Transfer::load(&path).unwrap();
+    assert_eq!(loaded.view, transfer.view);
+    assert_eq!(loaded.rows_of_quad_branches[..], transfer.rows_of_quad_branches[..]);
+    let refused = |transfer: &Transfer| {
+        transfer.save(&path).unwrap();
+        Transfer::load(&path).unwrap_err().to_string()
+    };
+    let mut strayed = transfer.clone();
+    strayed.view.quad_chains.branches.last_mut().unwrap().owner = strayed.view.quads.len() as u32;
+    assert!(refused(&strayed).contains("view"), "{}", refused(&strayed));
+    let mut bent = transfer.clone();
+    bent.view.center_chains.branches[0].last = f32::NAN;
+    assert!(refused(&bent).contains("view"));
+    let mut short = transfer;
+    short.rows_of_quad_branches = Vec::new().into();
+    assert!(refused(&short).contains("rows_of_quad_branches"));
+}
+
+/// A pane must not change what the transfer knows of the rest.
+#[test]
+fn glass_is_not_there_for_bounced_light() {
+    let room = |pane: bool| {
+        let mut builder = SceneBuilder::new();
+        let wall =
+            builder.material(Material { base_color: Vec4::new(0.6, 0.5, 0.4, 1.0), ..lambertian(Vec3::ONE) });
+        let glass = builder.material(glass(Interior::Thin, Vec3::ONE));
+        builder.room(Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0), wall);
+        if pane {
+            builder.quad(Vec3::new(0.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Y * 3.0, glass);
+        }
+        builder.camera(Vec3::new(2.3, 1.6, 1.8), Vec3::new(2.0, 1.2, 0.0), 55.0);
+        Arc::new(prepare(&builder.build(), tiny()))
+    };
+    let lights = rig([omni(Vec3::new(3.0, 2.0, 4.0), Vec3::splat(5.0), 0.0)]);
+    let [open, glazed] = [false, true].map(|pane| {
+        relight_afresh(&room(pane), &lights, &RelightSettings { aa: 1, ..RelightSettings::default() })
+    });
+    assert_eq!(open.indirect, glazed.indirect);
+    assert_eq!(open.direct, glazed.direct);
+}

@@ -266,10 +266,7 @@ fn errors(transfer: &Arc<Transfer>, lights: &LightRig, truth: &Truths) -> [f64; 
 #[test]
 fn a_room_of_mirrors_and_glass_agrees_with_the_path_tracer() {
     let built = parlour();
-    let mut lights = rig([
-        omni(Vec3::new(-0.3, 2.2, 1.0), Vec3::new(2.6, 2.3, 1.9), 0.08),
-        LightKind::Distant { direction: Vec3::new(0.2, -1.0, -0.4), irradiance: Vec3::ZERO, angle: 0.5 },
-    ]);
+    let mut lights = rig([omni(Vec3::new(-0.3, 2.2, 1.0), Vec3::new(2.6, 2.3, 1.9), 0.25)]);
     lights.emitters.push(relume::scene::Emitter { material: "lamp".into(), scale: Vec3::splat(6.0) });
     let truth = trace(&built, &lights, (96, 54), 3, 256);
     let transfer = Arc::new(prepare(&built, parlour_settings()));

@@ -140,7 +140,8 @@ impl Glb {
     /// The whole file, of one scene with this name.
     pub(crate) fn finish(mut self, scene: &str) -> Result<Vec<u8>> {
         self.binary.resize(self.binary.len().next_multiple_of(4), 0);
-        let unused = self.textures.is_empty();
+        let sampler = json!({"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497});
+        let samplers = if self.textures.is_empty() { Vec::new() } else { vec![sampler] };
         let nodes: Vec<usize> = (0..self.nodes.len()).collect();
         let mut document = json!({
             "asset": {"version": "2.0", "generator": "cargo xtask scenes", "copyright": "MIT OR Apache-2.0"},
@@ -152,17 +153,15 @@ impl Glb {
             "materials": self.materials,
             "textures": self.textures,
             "images": self.images,
-            "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}],
+            "samplers": samplers,
             "accessors": self.accessors,
             "bufferViews": self.buffer_views,
             "extensionsUsed": self.extensions(),
             "buffers": [{"byteLength": self.binary.len()}],
         });
-        // a file must not have empty lists
-        for list in ["textures", "images", "samplers", "extensionsUsed"] {
-            if document[list].as_array().is_some_and(Vec::is_empty) || (list == "samplers" && unused) {
-                document.as_object_mut().map(|document| document.remove(list));
-            }
+        if let Value::Object(document) = &mut document {
+            // glTF has no empty lists
+            document.retain(|_, value| value.as_array().is_none_or(|list| !list.is_empty()));
         }
         let mut text = serde_json::to_vec(&document).context("cannot write the scene's JSON")?;
         text.resize(text.len().next_multiple_of(4), b' ');

@@ -1,5 +1,5 @@
-//! A small room of mirrors and glass: a wall mirror, a polished floor, a glass ball and a green one, a chrome ball, a pane before a shelf, and a
-//! lamp behind frosted nothing: a plain glowing panel.
+//! A small room of mirrors and glass: a wall mirror, a polished floor, a clear ball and a green one, a chrome ball, a pane before a shelf, and a
+//! glowing panel.
 //!
 //! X runs to the right, the camera looks along -Z. Metres throughout.
 

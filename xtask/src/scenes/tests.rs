@@ -6,6 +6,7 @@ use glam::{Mat4, Vec3};
 
 use super::arcade::arcade;
 use super::noise::hash;
+use super::parlour::parlour;
 
 /// The triangles of the file, world space, with what the tests ask of them.
 struct Triangles {
@@ -115,7 +116,15 @@ fn the_scene_is_what_it_says() {
 
 #[test]
 fn normals_are_unit_and_agree_with_the_winding() {
-    let (_, triangles) = read(&arcade().unwrap());
+    let folded_at = |file: &[u8]| folded(&read(file).1);
+    // Crevices of the statue that are narrower than a cell of its grid may fold over.
+    let folded = folded_at(&arcade().unwrap());
+    assert!(folded.len() < 30, "winding against the normals at {} places: {folded:?}", folded.len());
+    assert_eq!(folded_at(&parlour().unwrap()), []);
+}
+
+/// Where triangles are wound against their normals.
+fn folded(triangles: &Triangles) -> Vec<Vec3> {
     let mut folded = Vec::new();
     for ([a, b, c], normals) in triangles.corners.iter().zip(&triangles.normals) {
         let front = (b - a).cross(c - a);
@@ -125,8 +134,20 @@ fn normals_are_unit_and_agree_with_the_winding() {
             folded.push(*a);
         }
     }
-    // Crevices of the statue that are narrower than a cell of its grid may fold over.
-    assert!(folded.len() < 30, "winding against the normals at {} places: {folded:?}", folded.len());
+    folded
+}
+
+#[test]
+fn the_parlour_has_mirrors_and_glass() {
+    let file = parlour().unwrap();
+    assert_eq!(file, parlour().unwrap(), "the same bytes every time");
+    let (document, triangles) = read(&file);
+    assert!((8_000..=20_000).contains(&triangles.corners.len()), "{} triangles", triangles.corners.len());
+    let extensions: Vec<_> = document.extensions_used().collect();
+    assert_eq!(extensions, ["KHR_materials_ior", "KHR_materials_transmission", "KHR_materials_volume"]);
+    for name in ["mirror", "glass_clear", "glass_green", "pane", "chrome", "floor_polished", "lamp"] {
+        assert!(document.materials().any(|material| material.name() == Some(name)), "no {name}");
+    }
 }
 
 #[test]

@@ -255,6 +255,8 @@ struct CacheContents<'a> {
     height: usize,
     lit_pixels: usize,
     receivers: usize,
+    /// View samples that are seen in mirrors and through glass.
+    branches: usize,
     gather_samples: usize,
     /// Those of them that are of the sky.
     sky_samples: usize,
@@ -292,7 +294,11 @@ impl Parts {
             view_samples_bytes: size_of_val(&*view.centers)
                 + size_of_val(&*view.quads)
                 + size_of_val(&*transfer.rows_of_centers)
-                + size_of_val(&*transfer.rows_of_quads),
+                + size_of_val(&*transfer.rows_of_quads)
+                + view.center_chains.bytes()
+                + view.quad_chains.bytes()
+                + size_of_val(&*transfer.rows_of_center_branches)
+                + size_of_val(&*transfer.rows_of_quad_branches),
             gather_samples_bytes: size_of_val(&*cloud.samples)
                 + size_of_val(&*cloud.sub_samples)
                 + size_of_val(&*cloud.diffuse),
@@ -369,6 +375,7 @@ impl<'a> CacheContents<'a> {
             height: transfer.view.height,
             lit_pixels: transfer.lit_pixels(),
             receivers: transfer.gather.rows,
+            branches: transfer.view.center_chains.branches.len() + transfer.view.quad_chains.branches.len(),
             gather_samples: transfer.cloud.len(),
             sky_samples: transfer.cloud.sky.len(),
             emitters: emitters(transfer.report.named_materials()),
@@ -428,6 +435,10 @@ impl std::fmt::Display for CacheContents<'_> {
                 count(self.receivers as u64)
             ),
         );
+        if self.branches > 0 {
+            let seen = format!("{} view samples", count(self.branches as u64));
+            table.line("mirrors and glass", seen);
+        }
         table.line(
             "prepared with",
             format!(

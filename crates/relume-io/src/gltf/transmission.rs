@@ -54,7 +54,11 @@ pub(super) fn transmission(
 
 /// What `volume` bounds. How thick it is, rays find out by themselves.
 fn interior(volume: &Volume) -> Result<Interior, String> {
-    if volume.thickness_factor.0 <= 0.0 {
+    let thickness = volume.thickness_factor.0;
+    if !thickness.is_finite() {
+        return Err("has a thickness that is not a finite number; mend it".to_owned());
+    }
+    if thickness <= 0.0 {
         return Ok(Interior::Thin);
     }
     let (color, distance) = (Vec3::from(volume.attenuation_color.0), volume.attenuation_distance.0);

@@ -1,8 +1,8 @@
 //! The importer against one scene with every feature it reads, in each container.
 
-use crate::support::{Builder, everything};
+use crate::support::{Builder, everything, triangle};
 use relume::glam::{Affine2, Vec2, Vec3, Vec4};
-use relume::scene::{AlphaMode, ColorSpace, Geometry, Wrap};
+use relume::scene::{AlphaMode, ColorSpace, Geometry, Interior, Wrap};
 use relume::{LightKind, Scene};
 use relume_io::{Imported, load_scene};
 
@@ -193,4 +193,77 @@ fn everything_left_out_is_said() {
         assert!(warnings.iter().any(|w| w.contains(expected)), "{expected} in {warnings:#?}");
     }
     assert_eq!(warnings.len(), 11, "{warnings:#?}");
+}
+
+fn with_material(material: serde_json::Value) -> Builder {
+    let mut builder = triangle();
+    builder.push("materials", material);
+    builder.json["meshes"][0]["primitives"][0]["material"] = serde_json::json!(0);
+    builder
+}
+
+#[test]
+fn glass_is_read() {
+    let mut builder = with_material(serde_json::json!({
+        "name": "green",
+        "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.0},
+        "extensions": {
+            "KHR_materials_transmission": {"transmissionFactor": 0.75, "transmissionTexture": {"index": 0}},
+            "KHR_materials_ior": {"ior": 1.33},
+            "KHR_materials_volume": {
+                "thicknessFactor": 0.1, "attenuationColor": [1.0, 0.5, 0.25], "attenuationDistance": 0.5
+            },
+        },
+    }));
+    let texels = builder.image("panes", &[[255, 0, 0, 255], [0, 0, 0, 255]]);
+    builder.push("textures", serde_json::json!({"source": texels}));
+    let folder = tempfile::tempdir().unwrap();
+    let imported = load_scene(&builder.write_glb(folder.path())).unwrap();
+    assert!(imported.warnings.iter().all(|warning| !warning.contains("glass")), "{:?}", imported.warnings);
+    let glass = &imported.scene.materials[0];
+    assert_eq!((glass.transmission, glass.ior), (0.75, 1.33));
+    let texture = &imported.scene.textures[glass.transmission_texture.unwrap().texture];
+    assert_eq!((texture.color_space, texture.mean_red()), (ColorSpace::Linear, 0.5));
+    let Interior::Solid { extinction } = glass.interior else { panic!("a solid") };
+    assert!(near((extinction * -0.5).exp(), Vec3::new(1.0, 0.5, 0.25)), "{extinction}");
+    assert_eq!(
+        imported.scene.clear_materials(),
+        [false],
+        "over its texture, less than half of the light passes"
+    );
+}
+
+#[test]
+fn thin_and_frosted_glass_are_told_apart() {
+    let builder = with_material(serde_json::json!({
+        "name": "frosted",
+        "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.3},
+        "extensions": {
+            "KHR_materials_transmission": {"transmissionFactor": 1.0},
+            "KHR_materials_ior": {"ior": 0.0},
+            "KHR_materials_volume": {"thicknessFactor": 0.0},
+        },
+    }));
+    let folder = tempfile::tempdir().unwrap();
+    let imported = load_scene(&builder.write_glb(folder.path())).unwrap();
+    let glass = &imported.scene.materials[0];
+    assert_eq!((glass.interior, glass.ior), (Interior::Thin, 1.5));
+    assert_eq!(imported.scene.clear_materials(), [true]);
+    for expected in ["`frosted` is frosted glass (roughness 0.3)", "`frosted` has the refractive index 0"] {
+        assert!(imported.warnings.iter().any(|w| w.contains(expected)), "{:?}", imported.warnings);
+    }
+    for (extensions, expected) in [
+        (
+            serde_json::json!({"KHR_materials_ior": {"ior": 0.7}}),
+            "the refractive index 0.7; give one of at least 1",
+        ),
+        (
+            serde_json::json!({"KHR_materials_volume": {"thicknessFactor": 1.0, "attenuationDistance": -1.0}}),
+            "an attenuation colour or distance out of range",
+        ),
+    ] {
+        let bad = with_material(serde_json::json!({"name": "bad", "extensions": extensions}));
+        let error = load_scene(&bad.write_glb(folder.path())).unwrap_err().to_string();
+        assert!(error.contains("material `bad`") && error.contains(expected), "{error}");
+    }
 }

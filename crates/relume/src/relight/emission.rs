@@ -83,9 +83,7 @@ impl Relighter {
     /// A dome: its light on the view samples (direct), and its bounces. Suns in its map are lights of their own. A closed scene lets in
     /// neither: what rays find there between its walls is no sky.
     pub(super) fn dome(&mut self, dome: &Dome, settings: &RelightSettings) -> Lit {
-        let view = &self.transfer.view;
-        let shows = [&view.center_chains, &view.quad_chains].into_iter().any(|chains| !chains.sky.is_empty());
-        if self.transfer.cloud.sky.is_empty() && !shows {
+        if !self.transfer.sees_sky() {
             return Lit { direct: self.black(), indirect: self.black() };
         }
         let began = Instant::now();

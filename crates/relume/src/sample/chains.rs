@@ -125,6 +125,11 @@ impl SkyView {
 }
 
 impl Chains {
+    /// Sizes in memory.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.branches) + size_of_val(&*self.emission) + size_of_val(&*self.sky)
+    }
+
     /// Appends chains of later owners.
     pub(super) fn append(&mut self, mut later: Self) {
         let first = self.branches.len() as u32;

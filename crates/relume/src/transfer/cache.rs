@@ -18,7 +18,7 @@ use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
-use xxhash_rust::xxh3::xxh3_64;
+use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 use super::haar_blocks::HaarBlocks;
 use super::haar_rows::HaarRows;
@@ -52,7 +52,7 @@ struct Header {
     glossy: Option<OperatorHeader>,
     bounce: OperatorHeader,
     masks: Vec<MaskHeader>,
-    /// xxh3 of each tensor's bytes, in hexadecimal.
+    /// xxh3 of each tensor's type, shape and bytes, in hexadecimal.
     checksums: BTreeMap<String, String>,
 }
 
@@ -189,8 +189,8 @@ impl Transfer {
     }
 
     fn serialized(&self, tensors: Tensors<'_>) -> Result<Vec<u8>, String> {
-        let checksum = |(name, _, _, bytes): &(String, Dtype, Vec<usize>, &[u8])| {
-            (name.clone(), format!("{:016x}", xxh3_64(bytes)))
+        let checksum = |(name, dtype, shape, bytes): &(String, Dtype, Vec<usize>, &[u8])| {
+            (name.clone(), checksum(*dtype, shape, bytes))
         };
         let header = Header {
             version: FORMAT_VERSION,
@@ -268,6 +268,14 @@ fn is_length(value: f32) -> bool {
     value.is_finite() && value >= 0.0
 }
 
+/// Of a tensor's type, shape and bytes: one without elements has no other bytes to tell that it was altered.
+fn checksum(dtype: Dtype, shape: &[usize], bytes: &[u8]) -> String {
+    let mut hash = Xxh3::new();
+    hash.update(format!("{dtype:?} {shape:?}").as_bytes());
+    hash.update(bytes);
+    format!("{:016x}", hash.digest())
+}
+
 fn seal(header: &RawValue) -> String {
     format!("{:016x}", xxh3_64(header.get().as_bytes()))
 }
@@ -317,10 +325,9 @@ impl<'a> Opened<'a> {
                 (name.to_owned(), (start, start + view.data().len()))
             })
             .collect();
-        let altered = header.checksums.par_iter().find_map_first(|(name, checksum)| {
-            let whole = places.get(name).and_then(|&(start, end)| map.get(start..end));
-            let sum = whole.map(|bytes| format!("{:016x}", xxh3_64(bytes)));
-            (sum.as_ref() != Some(checksum)).then(|| name.clone())
+        let altered = header.checksums.par_iter().find_map_first(|(name, expected)| {
+            let sum = tensors.tensor(name).map(|view| checksum(view.dtype(), view.shape(), view.data()));
+            (sum.ok().as_ref() != Some(expected)).then(|| name.clone())
         });
         if let Some(name) = altered {
             return Err(refuse(format!("is damaged: the checksum of `{name}` does not match; {MEND}")));

@@ -146,6 +146,11 @@ impl Transfer {
         bytes as f64 / self.view.pixels().max(1) as f64
     }
 
+    /// Whether the shot shows any of a dome, or is lit by it.
+    pub fn sees_sky(&self) -> bool {
+        !self.cloud.sky.is_empty() || [1, 2].iter().any(|&aa| !self.view.grid(aa).chains.sky.is_empty())
+    }
+
     /// What of the view samples of a grid takes its light from which row: of the samples themselves, and of their branches.
     pub fn rows_of(&self, aa: u32) -> [&[u32]; 2] {
         if aa == 1 {

@@ -98,7 +98,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     }
     for light in rig.lights.iter().filter(|light| light.enabled) {
         let is_dome = matches!(light.kind, LightKind::Dome { .. });
-        if is_dome && relighter.transfer().report.settings.sky && !relighter.transfer().sees_sky() {
+        if is_dome && relighter.transfer().report.settings.sky && relighter.transfer().cloud.sky.is_empty() {
             console.warning(&format!(
                 "{}: dome light `{}` adds nothing: the scene is closed, no sky lights what the camera sees",
                 arguments.rig.display(),

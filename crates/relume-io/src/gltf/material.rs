@@ -119,7 +119,7 @@ impl<'a> Materials<'a> {
             roughness: pbr.roughness_factor.0.clamp(0.0, 1.0),
             normal_scale,
             emission,
-            alpha_mode: alpha_mode(json, &name, warnings),
+            alpha_mode: alpha_mode(json, &name, glass.factor > 0.0, warnings),
             double_sided: json.double_sided,
             transmission: glass.factor,
             ior: glass.ior,
@@ -203,7 +203,7 @@ fn coordinates(uses: &[Option<Use>; 5], name: &str, warnings: &mut Vec<String>) 
     Coordinates { textured: true, set, normal_map: uses[2].map(|normal| normal.texture_from_mesh) }
 }
 
-fn alpha_mode(json: &JsonMaterial, name: &str, warnings: &mut Vec<String>) -> AlphaMode {
+fn alpha_mode(json: &JsonMaterial, name: &str, is_glass: bool, warnings: &mut Vec<String>) -> AlphaMode {
     match json.alpha_mode {
         Checked::Valid(JsonAlphaMode::Mask) => {
             let cutoff = json.alpha_cutoff.unwrap_or_default().0;
@@ -214,6 +214,8 @@ fn alpha_mode(json: &JsonMaterial, name: &str, warnings: &mut Vec<String>) -> Al
             }
             AlphaMode::Mask { cutoff: if cutoff.is_nan() { 0.5 } else { cutoff.clamp(0.0, 1.0) } }
         }
+        // what such glass lets through is said by its transmission
+        Checked::Valid(JsonAlphaMode::Blend) if is_glass => AlphaMode::Opaque,
         Checked::Valid(JsonAlphaMode::Blend) => {
             warnings
                 .push(format!("material `{name}` is blended; it is cut out where its alpha is below 0.5"));

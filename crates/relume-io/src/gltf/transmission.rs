@@ -39,10 +39,14 @@ pub(super) fn transmission(
     if ior == 0.0 {
         warnings.push(format!("material `{name}` has the refractive index 0; it is taken for {USUAL_IOR}"));
     }
-    let roughness = material.pbr_metallic_roughness.roughness_factor.0;
-    if factor > 0.0 && roughness > POLISHED_ROUGHNESS {
+    let surface = &material.pbr_metallic_roughness;
+    if factor > 0.0 && surface.roughness_factor.0 > POLISHED_ROUGHNESS {
+        let where_rough = match surface.metallic_roughness_texture {
+            Some(_) => format!(", where its texture makes it rougher than {POLISHED_ROUGHNESS}"),
+            None => String::new(),
+        };
         warnings.push(format!(
-            "material `{name}` is frosted glass (roughness {roughness}); what lies behind is shown as through clear glass"
+            "material `{name}` is frosted glass{where_rough}; what lies behind it is shown as through clear glass"
         ));
     }
     Ok(Transmission {
@@ -55,10 +59,10 @@ pub(super) fn transmission(
 /// What `volume` bounds. How thick it is, rays find out by themselves.
 fn interior(volume: &Volume) -> Result<Interior, String> {
     let thickness = volume.thickness_factor.0;
-    if !thickness.is_finite() {
-        return Err("has a thickness that is not a finite number; mend it".to_owned());
+    if !thickness.is_finite() || thickness < 0.0 {
+        return Err(format!("has the thickness {thickness}; give one of at least 0"));
     }
-    if thickness <= 0.0 {
+    if thickness == 0.0 {
         return Ok(Interior::Thin);
     }
     let (color, distance) = (Vec3::from(volume.attenuation_color.0), volume.attenuation_distance.0);

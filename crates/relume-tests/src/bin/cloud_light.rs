@@ -58,6 +58,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
     let scene = relume_io::load_scene(&arguments.scene)?.scene;
     let geometry = Geometry::new(&scene);
+    let geometry = geometry.without_clear().unwrap_or(geometry);
     let accel = Accel::new(&scene, &geometry);
     let built = TestScene { scene, geometry, accel };
     let rig = relume_io::load_rig(&arguments.rig)?;

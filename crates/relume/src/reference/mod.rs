@@ -5,7 +5,8 @@
 //! estimation); emissive triangles and domes are found by scattered rays too, and the two are weighed against each other by
 //! multiple importance sampling (Veach 1997, ch. 9). Other lights are invisible to all rays but shadow rays, and no light shows itself to the
 //! camera; in mirrors, and through glass that bends its view, it sees both.
-//! Nothing is clamped, so the mean is unbiased and the noise honest.
+//! Nothing is clamped, so the mean is unbiased and the noise honest; but in mirrors and glass, where views end that show next to nothing, and
+//! lights and suns have edges as wide as a view.
 //!
 //! The camera's view goes on from mirrors and through glass ([`crate::shade::Surface::specular_events`]), and what it meets there is seen as
 //! what it meets at once: these are no bounces. To all other rays clear surfaces are not there: they cast no shadows and no caustics.
@@ -131,6 +132,8 @@ struct World<'a> {
     /// What all other rays meet: the same without clear surfaces.
     accel: &'a Accel,
     lights: Vec<PreparedLight>,
+    /// By light: the suns of a dome's map, as mirrors and glass show them.
+    suns: Vec<Vec<PreparedLight>>,
     /// By material: what its emission is multiplied by.
     emission_scales: Vec<Vec3>,
     /// By material: the base colour that takes the place of the scene's.
@@ -184,12 +187,17 @@ pub fn render(
     let opaque = geometry.without_clear().map(|geometry| (Accel::new(scene, &geometry), geometry));
     let (opaque_accel, opaque) =
         opaque.as_ref().map_or((accel, geometry), |(accel, geometry)| (accel, geometry));
+    let lights: Vec<_> = enabled.iter().map(|light| PreparedLight::new(light)).collect();
+    let suns = |light: &PreparedLight| {
+        light.dome().map_or(Vec::new(), |dome| dome.suns().map(|sun| PreparedLight::new(&sun)).collect())
+    };
     let world = World {
         scene,
         geometry,
         all: accel,
         accel: opaque_accel,
-        lights: enabled.iter().map(|light| PreparedLight::new(light)).collect(),
+        suns: lights.iter().map(suns).collect(),
+        lights,
         emitters: Emitters::new(scene, opaque, &emission_scales),
         emission_scales,
         base_colors: edits.into_iter().map(base_color).collect(),

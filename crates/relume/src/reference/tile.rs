@@ -61,6 +61,8 @@ struct Primary {
 struct ViewRay {
     ray: Ray,
     pixel: u32,
+    /// Within the tile.
+    sub_pixel: u32,
     seed: u32,
     throughput: Vec3,
     cone: ViewCone,
@@ -72,6 +74,8 @@ struct ViewRay {
 const MAX_EVENTS: u32 = 2 * MAX_SPECULAR_EVENTS;
 /// A view of which less than this reaches the camera is not followed; an eighth of the relighter's.
 const LEAST_VIEW: f32 = LEAST_THROUGHPUT / 8.0;
+/// Views that are followed from one sub-pixel, at most.
+const MAX_VIEWS: u32 = 256;
 
 /// Which numbers a path draws.
 #[derive(Clone, Copy)]
@@ -186,6 +190,7 @@ impl<'a> Tile<'a> {
     fn trace_primaries(&mut self) {
         let mut views = self.camera_views();
         let (mut rays, mut hits) = (Vec::new(), Vec::new());
+        let mut followed = vec![0_u32; views.len()];
         while !views.is_empty() {
             rays.clear();
             rays.extend(views.iter().map(|view| view.ray));
@@ -198,6 +203,10 @@ impl<'a> Tile<'a> {
                     self.add_primary(*view, hit, &mut behind);
                 }
             }
+            behind.retain(|view: &ViewRay| {
+                followed[view.sub_pixel as usize] += 1;
+                followed[view.sub_pixel as usize] <= MAX_VIEWS
+            });
             views = behind;
         }
     }
@@ -207,7 +216,7 @@ impl<'a> Tile<'a> {
         let camera = &self.world.scene.cameras[settings.camera];
         let aa = settings.aa as usize;
         let pixel = camera.pixel_angle(settings.width, settings.height);
-        let cone = ViewCone::new(0.5 * pixel / settings.aa as f32);
+        let spread = 0.5 * pixel / settings.aa as f32;
         let mut views = Vec::new();
         for row in 0..aa * self.area.height {
             for column in 0..aa * self.area.width {
@@ -217,9 +226,10 @@ impl<'a> Tile<'a> {
                 views.push(ViewRay {
                     ray: Ray::new(camera.position(), direction),
                     pixel: (row / aa * self.area.width + column / aa) as u32,
+                    sub_pixel: views.len() as u32,
                     seed: hash(hash(settings.seed, x as u32), y as u32),
                     throughput: Vec3::ONE,
-                    cone,
+                    cone: ViewCone::new(spread, direction),
                     events: 0,
                     medium: Medium::default(),
                 });
@@ -241,14 +251,16 @@ impl<'a> Tile<'a> {
         self.sums.add(view.pixel, share, emission, settings.samples());
         let to_viewer = -view.ray.direction;
         let beside = surface.beside_events(to_viewer);
-        self.primaries.push(Primary {
-            pixel: view.pixel,
-            seed: view.seed,
-            throughput: view.throughput,
-            surface,
-            direct: Bsdf::new(&beside, to_viewer),
-            indirect: Response::new(settings.paths, true, &beside, to_viewer),
-        });
+        if beside.diffuse_albedo != Vec3::ZERO || beside.specular_f90 > 0.0 {
+            self.primaries.push(Primary {
+                pixel: view.pixel,
+                seed: view.seed,
+                throughput: view.throughput,
+                surface,
+                direct: Bsdf::new(&beside, to_viewer),
+                indirect: Response::new(settings.paths, true, &beside, to_viewer),
+            });
+        }
         if view.events == MAX_EVENTS {
             return;
         }
@@ -272,13 +284,17 @@ impl<'a> Tile<'a> {
 
     /// What a view that was turned shows of lights and domes themselves, up to where it meets a surface.
     fn add_lights(&mut self, view: &ViewRay, t: f32) {
-        if !view.cone.turned || (t == f32::INFINITY && view.medium != Medium::default()) {
+        if !view.cone.turned || view.medium != Medium::default() {
             return;
         }
         let (samples, ray) = (self.world.settings.samples(), Ray { t_max: t, ..view.ray });
         for (light, prepared) in self.world.lights.iter().enumerate() {
             let radiance = match prepared.dome() {
-                Some(dome) if t == f32::INFINITY => dome.radiance(ray.direction),
+                Some(dome) if t == f32::INFINITY => {
+                    let suns = &self.world.suns[light];
+                    let shown: Vec3 = suns.iter().map(|sun| sun.seen_along(&ray, &view.cone)).sum();
+                    dome.radiance_without_suns(ray.direction) + shown
+                }
                 Some(_) => continue,
                 None => prepared.seen_along(&ray, &view.cone),
             };

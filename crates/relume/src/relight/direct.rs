@@ -79,7 +79,7 @@ pub(super) fn direct(view: View<'_>, accel: &Accel, light: &Light, aa: u32) -> (
 /// What views that were turned show of the light itself.
 fn mirrored(chains: &Chains, light: &PreparedLight) -> Vec<(u32, Vec3)> {
     let branches = chains.branches.par_iter().with_min_len(CHUNK).filter_map(|branch| {
-        let radiance = light.seen_along(&branch.last_ray(), &branch.cone());
+        let radiance = light.seen_along(&branch.last_ray(), &branch.cone()?);
         (radiance != Vec3::ZERO).then(|| (branch.owner, radiance * branch.throughput.get()))
     });
     let sky = chains.sky.par_iter().with_min_len(CHUNK).filter_map(|view| {
@@ -107,7 +107,7 @@ impl Shading<'_> {
         mut add: impl FnMut(usize, Vec3),
     ) -> u64 {
         let (mut rays, mut waiting) = (Vec::new(), Vec::new());
-        for (index, seen) in seen.enumerate().filter(|(_, seen)| seen.sample.is_lit()) {
+        for (index, seen) in seen.enumerate().filter(|(_, seen)| seen.sample.reflects()) {
             for which in 0..self.rays {
                 if let Some((ray, radiance)) = self.unshadowed(&seen, first + index, which) {
                     rays.push(ray);

@@ -9,7 +9,7 @@ use glam::Vec3;
 use super::{EMISSION, Lit, Only, RelightSettings, Relighter, add_scaled, direct, milliseconds};
 use crate::image::LightLayers;
 use crate::sample::illuminate_sky;
-use crate::scene::{Light, LightKind, LightRig};
+use crate::scene::LightRig;
 use crate::shade::Dome;
 use crate::{Error, Progress, Result};
 
@@ -83,7 +83,7 @@ impl Relighter {
     /// A dome: its light on the view samples (direct), and its bounces. Suns in its map are lights of their own. A closed scene lets in
     /// neither: what rays find there between its walls is no sky.
     pub(super) fn dome(&mut self, dome: &Dome, settings: &RelightSettings) -> Lit {
-        if !self.transfer.sees_sky() {
+        if self.transfer.cloud.sky.is_empty() {
             return Lit { direct: self.black(), indirect: self.black() };
         }
         let began = Instant::now();
@@ -94,15 +94,10 @@ impl Relighter {
         if settings.only != Only::Indirect {
             direct::add_sky(self.transfer.view.grid(settings.aa), dome, &mut lit.direct.pixels);
         }
-        for sun in dome.map().map_or(&[][..], |map| map.suns()) {
-            let kind = LightKind::Distant {
-                direction: -dome.turned(sun.direction),
-                irradiance: Vec3::ONE,
-                angle: sun.angle,
-            };
-            let sunlit = self.lamp(&Light { name: String::new(), enabled: true, kind }, settings);
-            add_scaled(&mut lit.direct, &sunlit.direct, sun.irradiance);
-            add_scaled(&mut lit.indirect, &sunlit.indirect, sun.irradiance);
+        for sun in dome.suns() {
+            let sunlit = self.lamp(&sun, settings);
+            add_scaled(&mut lit.direct, &sunlit.direct, Vec3::ONE);
+            add_scaled(&mut lit.indirect, &sunlit.indirect, Vec3::ONE);
         }
         lit
     }

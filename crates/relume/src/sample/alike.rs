@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Branch, ViewSample};
+use super::{Branch, ViewSample, ViewSamples};
 
 /// Least cosine between the geometric normals of a sample and of its receiver.
 const SAME_FACE: f32 = 0.8;
@@ -22,6 +22,8 @@ const SAME_LOBE: (f32, f32) = (0.1, 1.0);
 pub(super) struct Seen<'a> {
     pub(super) sample: &'a ViewSample,
     pub(super) eye: Vec3,
+    /// What a pixel sees there, metres across.
+    pixel: f32,
     /// Whether it is seen by way of smooth surfaces.
     pub(super) branch: bool,
 }
@@ -36,12 +38,16 @@ pub(super) struct Alike {
 }
 
 impl<'a> Seen<'a> {
-    pub(super) fn straight(sample: &'a ViewSample, camera: Vec3) -> Self {
-        Self { sample, eye: camera, branch: false }
+    /// From the camera, of which a pixel has this angle.
+    pub(super) fn straight(sample: &'a ViewSample, camera: Vec3, pixel: f32) -> Self {
+        Self { sample, eye: camera, pixel: pixel * sample.depth, branch: false }
     }
 
-    pub(super) fn branch(branch: &'a Branch) -> Self {
-        Self { sample: &branch.sample, eye: branch.eye, branch: true }
+    /// By way of smooth surfaces, which may have widened the view; a pixel has so many views along each side.
+    pub(super) fn branch(branch: &'a Branch, pixel: f32, views: f32) -> Self {
+        let widened = 2.0 * views * (branch.width + branch.spread * branch.last);
+        let Branch { sample, eye, .. } = branch;
+        Self { sample, eye: *eye, pixel: widened.max(pixel * sample.depth), branch: true }
     }
 
     fn view(&self) -> Vec3 {
@@ -70,6 +76,18 @@ impl<'a> Seen<'a> {
 }
 
 impl Alike {
+    pub(super) fn straight<'a>(self, sample: &'a ViewSample, view: &ViewSamples) -> Seen<'a> {
+        Seen::straight(sample, view.camera, self.pixel)
+    }
+
+    pub(super) fn center_branch(self, branch: &Branch) -> Seen<'_> {
+        Seen::branch(branch, self.pixel, 1.0)
+    }
+
+    pub(super) fn quad_branch(self, branch: &Branch) -> Seen<'_> {
+        Seen::branch(branch, self.pixel, 2.0)
+    }
+
     /// Whether `seen` lies in the plane of `receiver`, faces as it does and is about as rough.
     pub(super) fn serves(self, receiver: &Seen<'_>, seen: &Seen<'_>) -> bool {
         let faces = |of: &ViewSample| (of.geometric_normal.get(), of.shading_normal.get());
@@ -79,7 +97,7 @@ impl Alike {
         let off_plane = apart.dot(geometric).abs().max(apart.dot(its_geometric).abs());
         let (rough, its_rough) = (sample.roughness(), other.roughness());
         let same_lobe = SAME_LOBE.0 + SAME_LOBE.1 * rough.min(its_rough).powi(2);
-        let pixel = self.pixel * sample.depth;
+        let pixel = seen.pixel;
         its_geometric.dot(geometric) > SAME_FACE
             && its_shading.dot(shading) > SAME_NORMAL
             && off_plane < SAME_PLANE * pixel

@@ -34,8 +34,8 @@ pub struct Branch {
     pub last: f32,
     /// [`ViewCone::width`] where it starts, metres.
     pub width: f32,
-    /// [`ViewCone::spread`] of what is seen along it, radians; 0 where the way is still the camera's own, through panes: lights do not show
-    /// themselves there.
+    /// [`ViewCone::spread`] of what is seen along it, radians; 0 where lights do not show themselves: where the way is still the camera's own,
+    /// through panes, and within tinted solids.
     pub spread: f32,
 }
 
@@ -43,7 +43,7 @@ pub struct Branch {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct SkyView {
-    /// Where it was turned last, metres.
+    /// Where it starts, metres.
     pub origin: Vec3,
     /// Unit; where the light comes from.
     pub direction: Vec3,
@@ -106,9 +106,9 @@ impl Branch {
         Ray { t_max: self.last, ..Ray::new(self.sample.position + view * self.last, -view) }
     }
 
-    /// How wide the view is along it.
-    pub fn cone(&self) -> ViewCone {
-        ViewCone { width: self.width, spread: self.spread, turned: self.spread > 0.0 }
+    /// How wide the view is along it, if lights show themselves there.
+    pub fn cone(&self) -> Option<ViewCone> {
+        (self.spread > 0.0).then(|| ViewCone::of_turned(self.width, self.spread))
     }
 }
 
@@ -120,7 +120,7 @@ impl SkyView {
 
     /// How wide it is.
     pub fn cone(&self) -> ViewCone {
-        ViewCone { width: self.width, spread: self.spread, turned: true }
+        ViewCone::of_turned(self.width, self.spread)
     }
 }
 
@@ -162,10 +162,14 @@ impl Followed {
         let first = View { throughput: Vec3::ONE, length, cone, events: 0, medium: Medium::default() };
         let mut waiting = Vec::new();
         first.go_on(surface, (-direction, length), &mut waiting);
-        let mut followed = 0;
-        while followed < waiting.len().min(MAX_VIEWS) {
-            let (mut view, ray) = waiting[followed];
-            followed += 1;
+        for _ in 0..MAX_VIEWS {
+            // the one that shows most, and of those the first
+            let brightness = |&(view, _): &(View, Ray)| view.throughput.element_sum();
+            let brighter = |best: usize, next: usize| {
+                if brightness(&waiting[next]) > brightness(&waiting[best]) { next } else { best }
+            };
+            let Some(next) = (0..waiting.len()).reduce(brighter) else { break };
+            let (mut view, ray) = waiting.remove(next);
             let hit = around.accel.closest(&ray);
             if !hit.is_hit() {
                 self.chains.sky.extend(view.sky(&ray, owner));
@@ -190,8 +194,8 @@ impl Followed {
         let base_color = scene.materials[surface.material as usize].base_color.truncate();
         let sample = ViewSample::new(surface, eye, base_color);
         let throughput = PackedUnit::new(view.throughput);
-        let ViewCone { width, spread, turned } = view.cone;
-        let spread = if turned { spread } else { 0.0 };
+        let ViewCone { width, spread, turned, .. } = view.cone;
+        let spread = if turned && view.medium == Medium::default() { spread } else { 0.0 };
         let last = hit.t;
         chains.branches.push(Branch { sample, eye, throughput, padding: 0, owner, last, width, spread });
         self.hits.push((hit, ray.direction));
@@ -201,7 +205,7 @@ impl Followed {
 impl View {
     /// What is seen where the view meets nothing; the sky shows only to views that were turned, and no solid is without end.
     fn sky(&self, ray: &Ray, owner: u32) -> Option<SkyView> {
-        let View { throughput, cone: ViewCone { width, spread, turned }, medium, .. } = *self;
+        let Self { throughput, cone: ViewCone { width, spread, turned, .. }, medium, .. } = *self;
         let (origin, direction) = (ray.origin, ray.direction);
         let free = turned && medium.extinction == Vec3::ZERO;
         free.then_some(SkyView { origin, direction, throughput, width, spread, owner })

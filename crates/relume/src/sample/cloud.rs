@@ -72,7 +72,7 @@ fn facets(scene: &Scene, geometry: &Geometry) -> Vec<Facet> {
         .into_par_iter()
         .flat_map_iter(|triangle| {
             let material = geometry.materials[triangle as usize] as usize;
-            let backs = scene.materials[material].double_sided;
+            let backs = scene.materials[material].shows_back();
             [false, true]
                 .into_iter()
                 .filter(move |&back| !back || backs)
@@ -261,7 +261,10 @@ fn check_count(count: usize) -> Result<()> {
 }
 
 fn nothing() -> Error {
-    Error::Setting("the camera sees no surface that reflects light: nothing to relight".into())
+    Error::Setting(
+        "the camera sees no surface that reflects light, but for mirrors and glass: nothing to relight"
+            .into(),
+    )
 }
 
 fn too_few(count: usize) -> Error {

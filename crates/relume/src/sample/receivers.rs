@@ -105,13 +105,13 @@ impl Receivers {
         let alike = Alike { pixel: camera.pixel_angle(view.width, view.height), glossy };
         let mut receivers = Self::default();
         let rows = (0..view.height).into_par_iter().map(|row| sources(view, row, alike)).collect();
-        let centers = view.centers.iter().map(|center| Seen::straight(center, view.camera));
-        let quads = |quad: u32| Seen::straight(&view.quads[quad as usize], view.camera);
+        let centers = view.centers.iter().map(|center| alike.straight(center, view));
+        let quads = |quad: u32| alike.straight(&view.quads[quad as usize], view);
         (receivers.of_centers, receivers.of_quads, receivers.further) =
             receivers.place(centers, quads, rows, glossy);
         let rows = (0..view.height).into_par_iter().map(|row| branch_sources(view, row, alike)).collect();
-        let centers = view.center_chains.branches.iter().map(Seen::branch);
-        let quads = |branch: u32| Seen::branch(&view.quad_chains.branches[branch as usize]);
+        let centers = view.center_chains.branches.iter().map(|branch| alike.center_branch(branch));
+        let quads = |branch: u32| alike.quad_branch(&view.quad_chains.branches[branch as usize]);
         (receivers.of_center_branches, receivers.of_quad_branches, receivers.further_branches) =
             receivers.place(centers, quads, rows, glossy);
         let straight = view.quads.iter().map(|sample| (sample, 1.0)).zip(&receivers.of_quads);
@@ -120,11 +120,6 @@ impl Receivers {
         let branches = branches.zip(&receivers.of_quad_branches);
         average(&mut receivers.points, straight.chain(branches), glossy);
         receivers
-    }
-
-    /// How many pixels' centres gather light.
-    pub fn gathering_centers(&self) -> usize {
-        self.of_centers.iter().filter(|&&receiver| receiver != Self::NONE).count()
     }
 
     /// Places a receiver at each of the centres that gather, and the further ones of all rows of pixels.
@@ -189,7 +184,7 @@ impl Sources {
 /// Of the quads of a row of pixels.
 fn sources(view: &ViewSamples, row: usize, alike: Alike) -> Sources {
     let mut sources = Sources::default();
-    let straight = |sample| Seen::straight(sample, view.camera);
+    let straight = |sample| alike.straight(sample, view);
     for column in 0..view.width {
         let first = sources.further.len();
         let pixel = row * view.width + column;
@@ -206,8 +201,8 @@ fn sources(view: &ViewSamples, row: usize, alike: Alike) -> Sources {
 fn branch_sources(view: &ViewSamples, row: usize, alike: Alike) -> Sources {
     let mut sources = Sources::default();
     let (center_chains, quad_chains) = (&view.center_chains, &view.quad_chains);
-    let of_center = |branch: usize| (branch as u32, Seen::branch(&center_chains.branches[branch]));
-    let of_quad = |branch: u32| Seen::branch(&quad_chains.branches[branch as usize]);
+    let of_center = |branch: usize| (branch as u32, alike.center_branch(&center_chains.branches[branch]));
+    let of_quad = |branch: u32| alike.quad_branch(&quad_chains.branches[branch as usize]);
     for column in 0..view.width {
         let first = sources.further.len();
         let pixel = row * view.width + column;
@@ -295,7 +290,7 @@ mod tests {
 
     /// The roughness of a receiver of these samples.
     fn roughness_of(samples: &[ViewSample]) -> f32 {
-        let mut points = [Receiver::of(Seen::straight(&samples[0], CAMERA))];
+        let mut points = [Receiver::of(Seen::straight(&samples[0], CAMERA, 1e-3))];
         average(&mut points, samples.iter().map(|sample| ((sample, 1.0), &0)), true);
         points[0].gloss.roughness
     }

@@ -99,6 +99,11 @@ impl ViewSample {
         self.roughness != 0
     }
 
+    /// Whether light of lamps is reflected here: not by what is black but for what it mirrors.
+    pub fn reflects(&self) -> bool {
+        self.is_lit() && (self.diffuse != PackedUnit::ZERO || self.grazing != 0)
+    }
+
     /// Whether light of other surfaces is gathered here: over the hemisphere, or where there are `glossy` rows, along a lobe.
     pub(super) fn gathers(&self, glossy: bool) -> bool {
         self.is_lit() && (self.diffuse != PackedUnit::ZERO || (glossy && self.grazing != 0))
@@ -221,7 +226,7 @@ impl ViewSamples {
         let around = Surroundings { scene, geometry, accel };
         let pixel = camera.pixel_angle(width, height);
         let look = |row: usize, offsets: &[Vec2]| -> Row {
-            let cone = ViewCone::new(0.5 * pixel / (offsets.len() as f32).sqrt());
+            let spread = 0.5 * pixel / (offsets.len() as f32).sqrt();
             let rays: Vec<Ray> = (0..width)
                 .flat_map(|column| offsets.iter().map(move |&offset| (column, offset)))
                 .map(|(column, offset)| {
@@ -241,6 +246,7 @@ impl ViewSamples {
                 if surface.emission != Vec3::ZERO && surface.lit {
                     emission.push((owner, surface.emission));
                 }
+                let cone = ViewCone::new(spread, ray.direction);
                 followed.follow(around, owner, &surface, (ray.direction, hit.t, cone));
                 let base_color = scene.materials[surface.material as usize].base_color.truncate();
                 ViewSample::new(&surface, camera.position(), base_color)

@@ -19,8 +19,8 @@ pub struct Geometry {
     pub materials: Vec<u32>,
     /// Object number, one a triangle.
     pub objects: Vec<u32>,
-    /// How many triangles there are before those of clear materials ([`Scene::clear_materials`]), which come last.
-    pub opaque: usize,
+    /// How many triangles are of clear materials ([`Scene::clear_materials`]): the last ones.
+    pub clear: usize,
 }
 
 impl Geometry {
@@ -28,7 +28,7 @@ impl Geometry {
     /// counter-clockwise under mirrored transforms.
     pub fn new(scene: &Scene) -> Self {
         let mut geometry = Self::default();
-        let clear = scene.clear_materials();
+        let (clear, mut opaque) = (scene.clear_materials(), 0);
         for clear_ones in [false, true] {
             for instance in &scene.instances {
                 if clear[scene.meshes[instance.mesh].material] == clear_ones {
@@ -36,20 +36,22 @@ impl Geometry {
                 }
             }
             if !clear_ones {
-                geometry.opaque = geometry.triangles.len();
+                opaque = geometry.triangles.len();
             }
         }
+        geometry.clear = geometry.triangles.len() - opaque;
         geometry
     }
 
     /// The geometry that rays meet which do not start at the camera, where it is another: all but clear surfaces. Its triangles keep their
     /// numbers.
     pub fn without_clear(&self) -> Option<Self> {
-        (self.opaque < self.triangles.len()).then(|| {
-            let mut opaque = self.clone();
-            opaque.triangles.truncate(self.opaque);
-            opaque.materials.truncate(self.opaque);
-            opaque.objects.truncate(self.opaque);
+        let count = self.triangles.len().saturating_sub(self.clear);
+        (self.clear > 0).then(|| {
+            let mut opaque = Self { clear: 0, ..self.clone() };
+            opaque.triangles.truncate(count);
+            opaque.materials.truncate(count);
+            opaque.objects.truncate(count);
             opaque
         })
     }

@@ -28,7 +28,7 @@ pub struct Material {
     pub emission_texture: Option<TextureRef>,
     /// Whether alpha cuts holes.
     pub alpha_mode: AlphaMode,
-    /// A one-sided surface neither reflects nor emits at its back, but blocks light there.
+    /// A one-sided surface neither reflects nor emits at its back, but blocks light there; one that transmits reflects there all the same.
     pub double_sided: bool,
     /// The part of the light within a dielectric that passes its surface instead of being scattered back, `0..=1`
     /// (KHR_materials_transmission). It is tinted by the base colour.
@@ -52,6 +52,13 @@ pub enum Interior {
         /// Light fades by `exp(-extinction * metres)`.
         extinction: Vec3,
     },
+}
+
+impl Material {
+    /// Whether surfaces reflect light at their backs.
+    pub fn shows_back(&self) -> bool {
+        self.double_sided || self.transmission > 0.0
+    }
 }
 
 /// How a material uses its alpha.

@@ -75,13 +75,16 @@ pub struct Scene {
 
 impl Scene {
     /// Which materials are clear, by number: those that let through at least half of the light that meets them, over their texture in the
-    /// mean. Rays other than those that start at the camera pass their surfaces as if these were not there.
+    /// mean, and do not shine: what shines must be found by light that is gathered. Rays other than those that start at the camera pass their surfaces as if these were not there.
     pub fn clear_materials(&self) -> Vec<bool> {
         let part = |material: &Material| {
             let texture = material.transmission_texture.map(|reference| &self.textures[reference.texture]);
             material.transmission * (1.0 - material.metallic) * texture.map_or(1.0, Texture::mean_red)
         };
-        self.materials.iter().map(|material| material.transmission > 0.0 && part(material) >= 0.5).collect()
+        let is_clear = |material: &Material| {
+            material.transmission > 0.0 && material.emission == Vec3::ZERO && part(material) >= 0.5
+        };
+        self.materials.iter().map(is_clear).collect()
     }
 
     /// The materials by their names, and whether they emit light.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 
 use super::LightSample;
-use crate::scene::EnvironmentMap;
+use crate::scene::{EnvironmentMap, Light, LightKind};
 use crate::trace::sampling::uniform_sphere;
 
 /// A dome light with its turn worked out.
@@ -32,6 +32,16 @@ impl Dome {
     /// What the map is multiplied by, W/(sr m^2).
     pub fn intensity(&self) -> Vec3 {
         self.intensity
+    }
+
+    /// The suns of its map, which [`Self::radiance_without_suns`] leaves out, as lights.
+    pub fn suns(&self) -> impl Iterator<Item = Light> + '_ {
+        let suns = self.map.as_deref().map_or(&[][..], EnvironmentMap::suns);
+        suns.iter().map(|sun| {
+            let (direction, irradiance) = (-self.turned(sun.direction), sun.irradiance * self.intensity);
+            let kind = LightKind::Distant { direction, irradiance, angle: sun.angle };
+            Light { name: String::new(), enabled: true, kind }
+        })
     }
 
     /// A direction of the map in the world.

@@ -185,16 +185,29 @@ impl PreparedLight {
         let Some(LightSample { direction, distance, irradiance }) = self.center(ray.origin) else {
             return Vec3::ZERO;
         };
-        // the sine and, but for lights that are close, the angle
-        let radius = match self.shape {
-            Shape::Local { radius2, .. } => radius2.sqrt() / distance.max(f32::MIN_POSITIVE),
-            Shape::Distant { one_minus_cos, .. } => (one_minus_cos * (2.0 - one_minus_cos)).sqrt(),
-            Shape::Dome(_) => 0.0,
+        let cos = ray.direction.dot(direction);
+        let off = ray.direction.cross(direction).length().atan2(cos);
+        // the light's radius in metres, and the sine of the angle under which it shows
+        let (metres, radius) = match self.shape {
+            Shape::Local { radius2, .. } => {
+                (radius2.sqrt(), radius2.sqrt() / distance.max(f32::MIN_POSITIVE))
+            }
+            Shape::Distant { one_minus_cos, .. } => (0.0, (one_minus_cos * (2.0 - one_minus_cos)).sqrt()),
+            Shape::Dome(_) => (0.0, 0.0),
         };
-        if distance > ray.t_max || radius >= 1.0 {
+        if radius >= 1.0 {
+            // within its sphere it is as on it
+            return irradiance * (1.0 / PI);
+        }
+        // where the ray enters the sphere, or comes closest to it: a lamp that sinks into a wall is hidden bit by bit
+        let along = distance * cos;
+        let half_chord = (metres * metres - (distance * off.sin()).powi(2)).max(0.0).sqrt();
+        if cos <= 0.0
+            || (distance.is_finite() && along - half_chord > ray.t_max)
+            || (distance == f32::INFINITY && ray.t_max != f32::INFINITY)
+        {
             return Vec3::ZERO;
         }
-        let off = ray.direction.cross(direction).length().atan2(ray.direction.dot(direction));
         let spread = cone.angle_at(distance);
         let spread2 = (spread * spread).max(f32::MIN_POSITIVE);
         // a disc that fades over the spread to both sides of its edge holds as much as a sharp one of `wide2`

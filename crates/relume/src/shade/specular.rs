@@ -41,13 +41,19 @@ pub struct SpecularEvent {
 /// Detail Using Ray Cones").
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewCone {
-    /// Radius where the view starts or was turned last, metres.
+    /// Radius where its last part starts, metres.
     pub width: f32,
     /// Half of the cone's angle, radians.
     pub spread: f32,
-    /// Whether the view was turned at all: then lights show themselves in it, which the camera does not see straight nor through panes.
+    /// Whether the view was mirrored or goes another way than it started: then lights show themselves in it, which the camera does not see
+    /// straight nor through panes.
     pub turned: bool,
+    /// Unit, where it started to; zero once it was mirrored.
+    straight: Vec3,
 }
+
+/// Least squared distance of unit directions that are not the same: a panes' faces are parallel only as far as f32 goes.
+const TURNED: f32 = 1e-6;
 
 /// Widest half angle of a view, radians.
 const MAX_SPREAD: f32 = 0.5;
@@ -55,9 +61,14 @@ const MAX_SPREAD: f32 = 0.5;
 const LEAST_COS: f32 = 0.2;
 
 impl ViewCone {
-    /// From the camera; `spread` is half of the angle between view samples.
-    pub fn new(spread: f32) -> Self {
-        Self { width: 0.0, spread, turned: false }
+    /// From the camera along the unit `direction`; `spread` is half of the angle between view samples.
+    pub fn new(spread: f32, direction: Vec3) -> Self {
+        Self { width: 0.0, spread, turned: false, straight: direction }
+    }
+
+    /// The cone of a view that was turned, from where its last part starts.
+    pub fn of_turned(width: f32, spread: f32) -> Self {
+        Self { width, spread, turned: true, straight: Vec3::ZERO }
     }
 
     /// Half of the angle that the view takes up of what is so many metres away from where it starts, radians.
@@ -72,10 +83,14 @@ impl ViewCone {
         if event.bending == 0.0 {
             return Self { width, ..self };
         }
+        let mirrored =
+            event.direction.dot(surface.geometric_normal) * surface.geometric_normal.dot(view) > 0.0;
+        let straight = if mirrored { Vec3::ZERO } else { self.straight };
+        let turned = straight.distance_squared(event.direction) > TURNED;
         let turn = surface.curvature * width / surface.shading_normal.dot(view).max(LEAST_COS);
         let lobe = event.bending * surface.roughness * surface.roughness;
         let spread = (self.spread + event.bending * turn).hypot(lobe).min(MAX_SPREAD);
-        Self { width, spread, turned: true }
+        Self { width, spread, turned, straight }
     }
 }
 
@@ -109,13 +124,12 @@ impl Surface {
         let total = transmits && refraction.is_none();
         let outer_cos =
             refraction.as_ref().map_or(self.shading_normal.dot(view), |refraction| refraction.outer_cos);
-        let reflectance = match total {
-            true => Vec3::ONE,
-            false => self.specular_f0.lerp(Vec3::splat(self.specular_f90), schlick(outer_cos)),
-        };
+        let reflectance = self.specular_f0.lerp(Vec3::splat(self.specular_f90), schlick(outer_cos));
+        let polish = if self.is_polished() { reflectance } else { Vec3::ZERO };
         let mirrored = (self.is_polished() || total).then(|| SpecularEvent {
             direction: self.mirrored(view),
-            weight: reflectance,
+            // beyond the critical angle all that would pass is reflected
+            weight: if total { polish.lerp(Vec3::ONE, self.passing) } else { polish },
             medium: None,
             bending: 2.0,
         });
@@ -135,7 +149,10 @@ impl Surface {
     /// What is left to reflect light where [`Self::specular_events`] show the rest.
     #[must_use]
     pub fn beside_events(&self, view: Vec3) -> Self {
-        if !self.is_polished() {
+        // from within a solid, whose lobes are not those of its outside, events show all that is reflected at its surface
+        let within =
+            self.lit && !self.front && self.transmission != Vec3::ZERO && self.interior != Interior::Thin;
+        if !self.is_polished() && !within {
             return *self;
         }
         Self {

@@ -19,6 +19,7 @@ fn glass(front: bool) -> Surface {
         specular_f90: 1.0,
         dielectric_specular: 1.0,
         dielectric_f0: 0.04,
+        passing: 1.0,
         transmission: Vec3::ONE,
         interior: Interior::Solid { extinction: Vec3::new(0.0, 1.0, 2.0) },
         ior: GLASS,
@@ -111,7 +112,7 @@ fn coloured_glass_is_darker_where_it_is_thicker() {
 #[test]
 fn a_curved_mirror_widens_the_view_and_a_pane_does_not() {
     let mirror = Surface { transmission: Vec3::ZERO, specular_f0: Vec3::ONE, ..glass(true) };
-    let cone = ViewCone::new(1e-3);
+    let cone = ViewCone::new(1e-3, Vec3::NEG_Y);
     let after =
         |surface: &Surface, event: usize| cone.after(2.0, surface, Vec3::Y, &events(surface, Vec3::Y)[event]);
     let lobe = 2.0 * 0.03_f32.powi(2);
@@ -124,5 +125,64 @@ fn a_curved_mirror_widens_the_view_and_a_pane_does_not() {
     let pane = Surface { interior: Interior::Thin, curvature: 10.0, ..glass(true) };
     assert_eq!(after(&pane, 1), ViewCone { width: 2e-3, ..cone });
     let lens = after(&Surface { curvature: 10.0, ..glass(true) }, 1);
-    assert!(lens.turned && (lens.spread - 1e-3 - 0.02 / 3.0).abs() < 1e-4, "{}", lens.spread);
+    assert!((lens.spread - 1e-3 - 0.02 / 3.0).abs() < 1e-4, "{}", lens.spread);
+}
+
+/// Through parallel faces the view goes on as it came: lights and sky show no more than they do straight.
+#[test]
+fn a_slab_does_not_turn_the_view_and_a_prism_does() {
+    let enters = view(40.0);
+    let cone = ViewCone::new(1e-3, -enters);
+    let [_, within] = events(&glass(true), enters)[..] else { panic!("two ways on") };
+    let inside = cone.after(1.0, &glass(true), enters, &within);
+    assert!(inside.turned, "bent");
+    let leaves = |tilt: f32| {
+        let (sin, cos) = tilt.sin_cos();
+        let back = Surface {
+            geometric_normal: Vec3::new(sin, cos, 0.0),
+            shading_normal: Vec3::new(sin, cos, 0.0),
+            ..glass(false)
+        };
+        let out = events(&back, -within.direction)[1];
+        inside.after(0.1, &back, -within.direction, &out).turned
+    };
+    assert!(!leaves(0.0) && leaves(0.1));
+    let [mirrored, _] = events(&glass(true), Vec3::Y)[..] else { panic!("two ways on") };
+    assert!(
+        ViewCone::new(1e-3, Vec3::Y).after(1.0, &glass(true), Vec3::Y, &mirrored).turned,
+        "a mirror always does"
+    );
+}
+
+/// Whatever the surface, its side and the angle: no more light leaves towards the viewer than may arrive.
+#[test]
+fn no_light_is_made() {
+    for (front, interior) in [(true, Interior::Thin), (false, Interior::Thin)]
+        .into_iter()
+        .chain([true, false].map(|front| (front, glass(true).interior)))
+    {
+        for roughness in [0.03, 0.3, 1.0] {
+            for passing in [0.0, 0.5, 1.0] {
+                let surface = Surface {
+                    front,
+                    interior,
+                    roughness,
+                    passing,
+                    transmission: Vec3::splat(passing),
+                    diffuse_albedo: Vec3::splat(1.0 - passing),
+                    ..glass(true)
+                };
+                for degrees in [0.0, 30.0, 45.0, 70.0, 85.0] {
+                    let view = view(degrees);
+                    let left = surface.beside_events(view);
+                    let seen: Vec3 = surface.specular_events(view).map(|event| event.weight).sum();
+                    let all = seen + left.diffuse(view.y) + left.specular_albedo(view.y);
+                    assert!(
+                        all.max_element() < 1.01,
+                        "{front} {interior:?} {roughness} {passing} {degrees}: {all}"
+                    );
+                }
+            }
+        }
+    }
 }

@@ -32,7 +32,9 @@ pub struct Surface {
     pub dielectric_specular: f32,
     /// Reflectance of the dielectric along the normal, before that scale: 0.04 at the usual refractive index of 1.5.
     pub dielectric_f0: f32,
-    /// What passes the surface of the light that it does not reflect: the tint of [`Material::transmission`].
+    /// The part of the light it does not reflect that passes the surface: [`Material::transmission`] of the dielectric part.
+    pub passing: f32,
+    /// What passes of each colour: that, tinted by the base colour.
     pub transmission: Vec3,
     /// What a transmitting surface bounds.
     pub interior: Interior,
@@ -97,11 +99,14 @@ pub fn surface_on_triangle(
         material: material_id,
         object: geometry.objects[triangle as usize],
         front,
-        lit: front || material.double_sided || material.transmission > 0.0,
+        lit: front || material.shows_back(),
         ..Surface::BLACK
     };
     if surface.lit {
         surface.apply_material(scene, material, point.uv(geometry));
+        if !front && !material.double_sided {
+            surface.emission = Vec3::ZERO;
+        }
         if surface.is_polished() || surface.transmission != Vec3::ZERO {
             surface.curvature = point.curvature(geometry);
         }
@@ -130,6 +135,7 @@ impl Surface {
         specular_f90: 0.0,
         dielectric_specular: 0.0,
         dielectric_f0: 0.0,
+        passing: 0.0,
         transmission: Vec3::ZERO,
         interior: Interior::Thin,
         ior: 1.0,
@@ -161,7 +167,8 @@ impl Surface {
         };
         self.diffuse_albedo = base_color * ((1.0 - metallic) * (1.0 - passes));
         self.white_albedo = texel * ((1.0 - metallic) * (1.0 - passes));
-        self.transmission = base_color * ((1.0 - metallic) * passes);
+        self.passing = (1.0 - metallic) * passes;
+        self.transmission = base_color * self.passing;
         self.dielectric_f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
         self.specular_f0 = Vec3::splat(self.dielectric_f0 * specular).lerp(base_color, metallic);
         self.specular_f90 = specular + (1.0 - specular) * metallic;

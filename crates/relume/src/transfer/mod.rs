@@ -110,7 +110,7 @@ pub struct Report {
     pub scene_hash: String,
     /// Triangles.
     pub triangles: u64,
-    /// Visibility and hemisphere rays of the final gather, a pixel whose centre reflects light.
+    /// Visibility and hemisphere rays of the final gather, a pixel whose centre gathers light.
     pub rays_per_pixel: f64,
     /// The same of the bounces, a gather sample; with photons, the rays on which these fly and those by which samples look around.
     pub rays_per_gather_sample: f64,
@@ -139,16 +139,20 @@ impl Report {
     }
 }
 
+/// How many pixels' centres take light from anywhere, by themselves or by their branches; `from` says where each of both does.
+fn gathering_pixels(view: &ViewSamples, [centers, branches]: [&[u32]; 2]) -> usize {
+    let mut gathers: Vec<bool> = centers.iter().map(|&from| from != Receivers::NONE).collect();
+    for (branch, &from) in view.center_chains.branches.iter().zip(branches) {
+        gathers[branch.owner as usize] |= from != Receivers::NONE;
+    }
+    gathers.into_iter().filter(|&gathers| gathers).count()
+}
+
 impl Transfer {
     /// Bytes of all operators a pixel of the image.
     pub fn bytes_per_pixel(&self) -> f64 {
         let bytes = self.gather.bytes() + self.glossy_bytes() + self.bounce.bytes();
         bytes as f64 / self.view.pixels().max(1) as f64
-    }
-
-    /// Whether the shot shows any of a dome, or is lit by it.
-    pub fn sees_sky(&self) -> bool {
-        !self.cloud.sky.is_empty() || [1, 2].iter().any(|&aa| !self.view.grid(aa).chains.sky.is_empty())
     }
 
     /// What of the view samples of a grid takes its light from which row: of the samples themselves, and of their branches.
@@ -217,8 +221,8 @@ impl Transfer {
         self.report.settings.multibounce
     }
 
-    /// Pixels whose centre reflects light.
+    /// Pixels whose centre gathers light, by itself or by what it shows in mirrors and through glass.
     pub fn lit_pixels(&self) -> usize {
-        self.rows_of_centers.iter().filter(|&&row| row != Receivers::NONE).count()
+        gathering_pixels(&self.view, [&self.rows_of_centers, &self.rows_of_center_branches])
     }
 }

@@ -17,7 +17,7 @@ use super::rows::{RowSettings, RowSource};
 use super::training::Training;
 use super::{
     Buffer, Encoding, ImageLayout, Multibounce, Occluders, Operator, Quality, Report, RowMethod, Selection,
-    Settings, Timings, Transfer, blocks,
+    Settings, Timings, Transfer, blocks, gathering_pixels,
 };
 use crate::Result;
 use crate::progress::Progress;
@@ -101,7 +101,8 @@ impl<'a> Preparation<'a> {
         let (receivers, cloud, map) = shot.samples(&camera, &view, &hits, &stages)?;
         let (gather, bounce, owners) = shot.operators(&receivers, &cloud, &map, &stages)?;
         let settings = &self.settings;
-        let lit = receivers.gathering_centers().max(1) as f64;
+        let of_centers = [&receivers.of_centers[..], &receivers.of_center_branches[..]];
+        let lit = gathering_pixels(&view, of_centers).max(1) as f64;
         let rows = row_numbers(&owners);
         let report = Report {
             settings: settings.clone(),

@@ -77,6 +77,11 @@ fn measure(mut scene: Scene, arguments: &Arguments) -> Result<Report> {
         .name(&name)
         .settings(arguments.settings())
         .run(&Job::by_stage(format!("{name}: preparation")))?;
+    if !transfer.view.center_chains.branches.is_empty() {
+        return Err(Error::Setting(format!(
+            "{name} shows mirrors or glass, which the exact transfer does not follow; take another scene or camera"
+        )));
+    }
     let exact = exact(&scene, arguments, &lights)?;
     let ([own, with_grain], lost_in_grain) = exact.rows();
     let mut rows = vec![own, with_grain];
@@ -104,6 +109,7 @@ fn measure(mut scene: Scene, arguments: &Arguments) -> Result<Report> {
 /// The images by the exact transfer.
 fn exact(scene: &Scene, arguments: &Arguments, lights: &[Light]) -> Result<Exact> {
     let geometry = Geometry::new(scene);
+    let geometry = geometry.without_clear().unwrap_or(geometry);
     let accel = Accel::new(scene, &geometry);
     let quadrature = Quadrature {
         scene,

@@ -4,6 +4,7 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
+use super::block_lengths;
 use super::blocks::Blocks;
 use super::haar_blocks::HaarBlocks;
 use super::haar_rows::HaarRows;
@@ -76,7 +77,9 @@ impl Encoder<'_> {
     /// `rows` rows of `count` zeros.
     fn nothing(self, rows: usize, count: usize) -> EncodedBlock {
         match self {
-            Self::LowRank { prior, .. } => EncodedBlock::LowRank(low_rank_encoder::nothing(rows, prior)),
+            Self::LowRank { prior, .. } => {
+                EncodedBlock::LowRank(vec![low_rank_encoder::nothing(rows, prior)])
+            }
             Self::Haar(haar) => EncodedBlock::Haar(KeptRows::nothing(rows, count, haar.per_row)),
         }
     }
@@ -86,8 +89,10 @@ impl EncodedBlock {
     /// Makes what the block holds and misses count so many times.
     fn weigh(&mut self, weight: f64) {
         match self {
-            Self::LowRank(block) => {
-                block.energy.iter_mut().chain(&mut block.lost).for_each(|value| *value *= weight);
+            Self::LowRank(blocks) => {
+                let values =
+                    blocks.iter_mut().flat_map(|block| block.energy.iter_mut().chain(&mut block.lost));
+                values.for_each(|value| *value *= weight);
             }
             Self::Haar(rows) => rows.weight *= weight,
         }
@@ -121,8 +126,10 @@ struct Workplace {
     scratch: RowScratch,
 }
 
+/// A block of rows, as what it became.
 enum EncodedBlock {
-    LowRank(low_rank_encoder::Encoded),
+    /// One after the other.
+    LowRank(Vec<low_rank_encoder::Encoded>),
     Haar(KeptRows),
 }
 
@@ -194,13 +201,14 @@ pub(super) fn losses(
             workplace.transform(plan.count, Some(&prior.magnitudes));
             let at = |price: &f32| LowRankSettings { price: settings.price * price, ..settings };
             let encode =
-                |price: &f32| low_rank_encoder::encode(&workplace.rows, points.len(), &at(price), prior);
+                |price: &f32| block_lengths::encode(&workplace.rows, points.len(), &at(price), prior);
             let alike = |values: &[f64]| values[..prior.held_alike].iter().sum::<f64>();
-            prices
-                .iter()
-                .map(encode)
-                .map(|block| (alike(&block.energy), alike(&block.lost)))
-                .collect::<Vec<_>>()
+            let sums = |blocks: Vec<low_rank_encoder::Encoded>| {
+                blocks.iter().fold((0.0, 0.0), |(energy, lost), block| {
+                    (energy + alike(&block.energy), lost + alike(&block.lost))
+                })
+            };
+            prices.iter().map(encode).map(sums).collect::<Vec<_>>()
         });
         progress.advance(points.len() as u64);
         Ok(lost)
@@ -303,7 +311,7 @@ impl Workplace {
         match encoder {
             Encoder::LowRank { settings, prior } => {
                 self.transform(count, Some(&prior.magnitudes));
-                EncodedBlock::LowRank(low_rank_encoder::encode(&self.rows, rows, &settings, prior))
+                EncodedBlock::LowRank(block_lengths::encode(&self.rows, rows, &settings, prior))
             }
             Encoder::Haar(haar) => {
                 self.transform(count, None);
@@ -317,7 +325,7 @@ fn assemble(blocks: Vec<EncodedBlock>, encoder: Encoder<'_>, rows: usize, count:
     let (mut low_rank, mut kept) = (Vec::new(), Vec::new());
     for block in blocks {
         match block {
-            EncodedBlock::LowRank(block) => low_rank.push(block),
+            EncodedBlock::LowRank(blocks) => low_rank.extend(blocks),
             EncodedBlock::Haar(rows) => kept.push(rows),
         }
     }

@@ -56,40 +56,104 @@ pub(super) struct Encoded {
     pub(super) lost: Vec<f64>,
 }
 
-/// Encodes a block of `rows` rows of weighted coefficients (`X = F W^T D`), row after row.
-pub(super) fn encode(x: &[f32], rows: usize, settings: &LowRankSettings, prior: &LightPrior) -> Encoded {
-    let count = x.len().checked_div(rows).unwrap_or(0);
-    let candidates =
-        strongest(&column_energies(x, count), ((CANDIDATES * settings.kept as f64) as usize).min(count));
-    let block = Block {
-        x: compacted(x, count, &candidates),
-        learned: rows_of(&prior.training, prior.lights, candidates.iter().copied()),
-        rows,
-        width: candidates.len(),
-        lights: prior.lights,
-    };
-    let responses = block.responses();
-    let (basis, rank, places) = block.chosen(&responses, settings);
-    let kept = Kept::new(&block, &places);
-    let basis = View::new(&basis, rank, rows);
-    let directions = product(basis, View::new(&kept.x, rows, kept.count));
-    let whole = kept.with_dropped_light(&directions, rank, &product(basis, block.view(&responses)));
-    let step = (STEP * f64::from(settings.price).sqrt()) as f32;
-    let v = Quantised::of_directions(&whole, kept.count, step);
-    let (u, weights) = kept.fit(&responses, &v.values, rank, rows).quantised(f64::from(step));
-    let indices: Vec<u32> = places.iter().map(|&place| candidates[place as usize]).collect();
-    let held = rows_of(&prior.held, prior.held_lights, indices.iter().copied());
-    let sent =
-        product(View::new(&v.values, rank, kept.count), View::new(&held, kept.count, prior.held_lights));
-    let told = product(View::new(&weights, rows, rank), View::new(&sent, rank, prior.held_lights));
-    let truth = product(View::new(x, rows, count), View::new(&prior.held, count, prior.held_lights));
-    let missed: Vec<f32> = truth.iter().zip(&told).map(|(truth, told)| truth - told).collect();
-    let [energy, lost] = [&truth, &missed].map(|values| {
-        let energies = column_energies(values, prior.held_lights);
-        energies.into_iter().map(f64::from).collect()
-    });
-    let shape = BlockShape { rows: rows as u32, rank: rank as u32, kept: kept.count as u32 };
-    Encoded { shape, indices, v: v.runs, v_scales: v.scales, u: u.runs, u_scales: u.scales, energy, lost }
+impl Encoded {
+    /// Of all that is stored of it, where a coefficient's number takes `place` bytes.
+    fn bytes(&self, place: usize) -> usize {
+        size_of::<BlockShape>()
+            + place * self.indices.len()
+            + [&self.v, &self.u].map(|runs| runs.widths.len() + runs.bytes.len()).iter().sum::<usize>()
+            + size_of_val(&*self.v_scales)
+            + size_of_val(&*self.u_scales)
+    }
+}
+
+/// A block that was encoded, to be judged.
+pub(super) struct Draft {
+    /// Without what it sends and misses.
+    encoded: Encoded,
+    /// What is stored for `V`, `rank x kept`.
+    directions: Vec<f32>,
+    /// What is stored for `U`, `rows x rank`.
+    weights: Vec<f32>,
+    /// The squared norm of what it is expected to miss, under `S`.
+    pub(super) expected_loss: f64,
+    /// All of it.
+    pub(super) bytes: usize,
+}
+
+impl Draft {
+    /// Of a block of `rows` rows of weighted coefficients (`X = F W^T D`), row after row.
+    pub(super) fn new(x: &[f32], rows: usize, settings: &LowRankSettings, prior: &LightPrior) -> Self {
+        let count = x.len().checked_div(rows).unwrap_or(0);
+        let energies = column_energies(x, count);
+        let candidates = strongest(&energies, ((CANDIDATES * settings.kept as f64) as usize).min(count));
+        let block = Block {
+            x: compacted(x, count, &candidates),
+            learned: rows_of(&prior.training, prior.lights, candidates.iter().copied()),
+            rows,
+            width: candidates.len(),
+            lights: prior.lights,
+        };
+        let responses = block.responses();
+        let (basis, rank, places) = block.chosen(&responses, settings);
+        let kept = Kept::new(&block, &places);
+        let basis = View::new(&basis, rank, rows);
+        let directions = product(basis, View::new(&kept.x, rows, kept.count));
+        let whole = kept.with_dropped_light(&directions, rank, &product(basis, block.view(&responses)));
+        let step = (STEP * f64::from(settings.price).sqrt()) as f32;
+        let v = Quantised::of_directions(&whole, kept.count, step);
+        let fit = kept.fit(&responses, &v.values, rank, rows);
+        let (u, weights) = fit.quantised(f64::from(step));
+        let sent =
+            (1.0 - LEARNED) * sum(&energies) + LEARNED / prior.lights.max(1) as f64 * squares(&responses);
+        let encoded = Encoded {
+            shape: BlockShape { rows: rows as u32, rank: rank as u32, kept: kept.count as u32 },
+            indices: places.iter().map(|&place| candidates[place as usize]).collect(),
+            v: v.runs,
+            v_scales: v.scales,
+            u: u.runs,
+            u_scales: u.scales,
+            energy: Vec::new(),
+            lost: Vec::new(),
+        };
+        Self {
+            bytes: encoded.bytes(if count > 1 << 16 { 3 } else { 2 }),
+            expected_loss: (sent - fit.told(&weights)).max(0.0),
+            encoded,
+            directions: v.values,
+            weights,
+        }
+    }
+
+    /// Directions.
+    pub(super) fn rank(&self) -> usize {
+        self.encoded.shape.rank as usize
+    }
+
+    /// With what the lights that nothing was learned from send to the rows `x`, and what is missed of it.
+    pub(super) fn judged(self, x: &[f32], prior: &LightPrior) -> Encoded {
+        let BlockShape { rows, rank, kept } = self.encoded.shape;
+        let (rows, rank, kept, lights) = (rows as usize, rank as usize, kept as usize, prior.held_lights);
+        let held = rows_of(&prior.held, lights, self.encoded.indices.iter().copied());
+        let sent = product(View::new(&self.directions, rank, kept), View::new(&held, kept, lights));
+        let told = product(View::new(&self.weights, rows, rank), View::new(&sent, rank, lights));
+        let count = x.len().checked_div(rows).unwrap_or(0);
+        let truth = product(View::new(x, rows, count), View::new(&prior.held, count, lights));
+        let missed: Vec<f32> = truth.iter().zip(&told).map(|(truth, told)| truth - told).collect();
+        let [energy, lost] = [&truth, &missed].map(|values| {
+            let energies = column_energies(values, lights);
+            energies.into_iter().map(f64::from).collect()
+        });
+        Encoded { energy, lost, ..self.encoded }
+    }
+}
+
+fn sum(values: &[f32]) -> f64 {
+    values.iter().map(|&value| f64::from(value)).sum()
+}
+
+fn squares(values: &[f32]) -> f64 {
+    values.iter().map(|&value| f64::from(value).powi(2)).sum()
 }
 
 /// `rows` rows of zeros.
@@ -437,6 +501,12 @@ struct Fit {
 }
 
 impl Fit {
+    /// How much of the rows' expected light `weights` tell, row after row: its squared norm less that of what they miss.
+    fn told(&self, weights: &[f32]) -> f64 {
+        let weights = DMatrix::from_row_iterator(self.rows, self.rank, weights.iter().map(|&w| f64::from(w)));
+        2.0 * weights.dot(&self.cross) - (&weights * &self.square).dot(&weights)
+    }
+
     /// The weights, a column a row of what is returned, in steps that change a row's light by `step` in the mean; and the weights that
     /// these stand for, row after row.
     fn quantised(&self, step: f64) -> (Quantised, Vec<f32>) {

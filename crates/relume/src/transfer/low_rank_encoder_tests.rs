@@ -9,6 +9,11 @@ use crate::transfer::low_rank::LowRank;
 use crate::transfer::packed_runs::PackedRuns;
 use crate::transfer::{Matrix, Operator};
 
+/// As one block.
+fn encode(x: &[f32], rows: usize, settings: &LowRankSettings, prior: &LightPrior) -> Encoded {
+    Draft::new(x, rows, settings, prior).judged(x, prior)
+}
+
 const COUNT: usize = 256;
 const ROWS: usize = 64;
 const LIGHTS: usize = 48;

@@ -5,6 +5,7 @@
 //! file.
 
 mod atlas;
+mod block_lengths;
 mod blocks;
 mod bounces;
 mod budget;

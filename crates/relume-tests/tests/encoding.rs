@@ -7,7 +7,7 @@ use relume::sample::{Receivers, illuminate};
 use relume::transfer::{Encoding, Matrix, Quality, Settings};
 use relume::{Error, LightKind, Preparation, Transfer};
 use relume_tests::prepared::{prepare, tiny};
-use relume_tests::scenes::{arcade, box_room, omni, rig, spot};
+use relume_tests::scenes::{SceneBuilder, arcade, box_room, emissive, lambertian, omni, rig, spot};
 
 fn settings() -> Settings {
     Settings { size: (160, 120), gather: 4096, quality: Quality::Draft, glossy: false, ..Settings::default() }
@@ -43,6 +43,34 @@ fn budgets_that_cannot_be_are_refused() {
     assert!(told(with(0.0)).contains("must be 0.001 to 1"));
     assert!(told(with(f32::NAN)).contains("must be 0.001 to 1"));
     assert!(told(Settings { encoding: Encoding::HaarRows, ..with(0.1) }).contains("is for low-rank"));
+}
+
+/// What shines in the scene is known before any lamp is, and its light is kept better than a lamp's.
+#[test]
+fn light_of_the_scene_is_learned() {
+    let mut builder = SceneBuilder::new();
+    let wall = builder.material(lambertian(Vec3::new(0.7, 0.6, 0.5)));
+    let lamp = builder.material(emissive(Vec3::ZERO, Vec3::splat(5.0)));
+    builder
+        .room(Vec3::ZERO, Vec3::new(4.0, 3.0, 5.0), wall)
+        .block(Vec3::new(1.1, 0.0, 1.2), Vec3::new(2.1, 1.3, 2.2), wall)
+        .quad(Vec3::new(3.0, 2.99, 2.0), Vec3::X * 0.2, Vec3::Z * 0.2, lamp)
+        .camera(Vec3::new(2.3, 1.6, 4.8), Vec3::new(2.0, 1.2, 0.0), 55.0);
+    let built = builder.build();
+    let low_rank = prepare(&built, settings());
+    let exact = prepare(&built, Settings { encoding: Encoding::HaarRows, coefficients: 4096, ..settings() });
+    let emitted: Vec<Vec3> = low_rank.cloud.samples.iter().map(|sample| sample.emission).collect();
+    assert!(emitted.iter().any(|light| *light != Vec3::ZERO));
+    let lost = |[told, truth]: [Vec<Vec3>; 2]| {
+        let norm = |light: &[Vec3]| light.iter().map(|v| f64::from(v.x).powi(2)).sum::<f64>().sqrt();
+        let off: Vec<Vec3> = told.iter().zip(&truth).map(|(told, truth)| *told - *truth).collect();
+        norm(&off) / norm(&truth)
+    };
+    let bounce = lost([&low_rank, &exact].map(|transfer| transfer.bounce.apply(&emitted)));
+    let gather = lost([&low_rank, &exact].map(|transfer| transfer.gather_from(&emitted, 0.0).0));
+    println!("lost of the lamp's light: on the cloud {bounce:.4}, on the receivers {gather:.4}");
+    // measured 0.12 and 0.07; where it is not learned from, 0.38 and 0.25
+    assert!(bounce < 0.18 && gather < 0.11, "{bounce} {gather}");
 }
 
 /// The block of each row.

@@ -65,7 +65,7 @@ pub(crate) struct Arguments {
     multibounce: MultibounceName,
     #[command(flatten)]
     photons: Photons,
-    /// Leave out reflections: indirect light is then diffuse. Faster and smaller.
+    /// Leave out reflections, but for those of mirrors and glass: indirect light is then diffuse. Faster and smaller.
     #[arg(long)]
     no_glossy: bool,
     /// Leave out the sky: all gather samples are then of surfaces, and dome lights cannot be used.

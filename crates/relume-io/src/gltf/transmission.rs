@@ -40,9 +40,9 @@ pub(super) fn transmission(
         warnings.push(format!("material `{name}` has the refractive index 0; it is taken for {USUAL_IOR}"));
     }
     let surface = &material.pbr_metallic_roughness;
-    if factor > 0.0 && surface.roughness_factor.0 > POLISHED_ROUGHNESS {
+    if factor > 0.0 && surface.roughness_factor.0 > POLISHED_ROUGHNESS.1 {
         let where_rough = match surface.metallic_roughness_texture {
-            Some(_) => format!(", where its texture makes it rougher than {POLISHED_ROUGHNESS}"),
+            Some(_) => format!(", where its texture makes it rougher than {}", POLISHED_ROUGHNESS.1),
             None => String::new(),
         };
         warnings.push(format!(

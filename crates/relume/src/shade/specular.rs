@@ -9,9 +9,9 @@ use super::Surface;
 use super::ggx::schlick;
 use crate::scene::Interior;
 
-/// Perceptual roughness up to which a surface is polished: half of what its lobe reflects comes from within 0.3 degrees around the mirrored
-/// view.
-pub const POLISHED_ROUGHNESS: f32 = 0.05;
+/// Perceptual roughness up to which a surface is polished, and from which on it is not at all: half of what its lobe reflects comes from within
+/// 0.2 and 0.4 degrees around the mirrored view. Between them it mirrors one part and spreads the other, so that a texture has no seam there.
+pub const POLISHED_ROUGHNESS: (f32, f32) = (0.04, 0.06);
 /// Mirrors and panes that a view is followed through, one after the other. What lies behind more is black.
 pub const MAX_SPECULAR_EVENTS: u32 = 8;
 /// A view of which less than this reaches the camera is not followed.
@@ -112,9 +112,16 @@ struct Refraction {
 }
 
 impl Surface {
-    /// Whether light is mirrored here rather than spread by a lobe.
+    /// Which part of the light that the specular lobe reflects is mirrored instead, `0..=1`.
+    fn polish(&self) -> f32 {
+        let (all, none) = POLISHED_ROUGHNESS;
+        let reflects = self.lit && self.specular_f90 > 0.0;
+        if reflects { ((none - self.roughness) / (none - all)).clamp(0.0, 1.0) } else { 0.0 }
+    }
+
+    /// Whether light is mirrored here rather than spread by a lobe, or in part.
     pub fn is_polished(&self) -> bool {
-        self.lit && self.roughness <= POLISHED_ROUGHNESS && self.specular_f90 > 0.0
+        self.polish() > 0.0
     }
 
     /// The ways on from here of the view along the unit `view`, from the surface to the viewer: mirrored, and passing through.
@@ -125,7 +132,7 @@ impl Surface {
         let outer_cos =
             refraction.as_ref().map_or(self.shading_normal.dot(view), |refraction| refraction.outer_cos);
         let reflectance = self.specular_f0.lerp(Vec3::splat(self.specular_f90), schlick(outer_cos));
-        let polish = if self.is_polished() { reflectance } else { Vec3::ZERO };
+        let polish = reflectance * self.polish();
         let mirrored = (self.is_polished() || total).then(|| SpecularEvent {
             direction: self.mirrored(view),
             // beyond the critical angle all that would pass is reflected
@@ -155,10 +162,11 @@ impl Surface {
         if !self.is_polished() && !within {
             return *self;
         }
+        let spread = if within { 0.0 } else { 1.0 - self.polish() };
         Self {
             diffuse_albedo: self.diffuse(self.shading_normal.dot(view)),
-            specular_f0: Vec3::ZERO,
-            specular_f90: 0.0,
+            specular_f0: self.specular_f0 * spread,
+            specular_f90: self.specular_f90 * spread,
             dielectric_specular: 0.0,
             ..*self
         }

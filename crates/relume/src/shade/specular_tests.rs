@@ -84,6 +84,11 @@ fn only_polished_surfaces_mirror() {
     assert!((mirrored.weight - metal.specular_f0).length() < 1e-6);
     assert_eq!(events(&Surface { roughness: 0.1, ..metal }, Vec3::Y), []);
     assert_eq!(events(&Surface { specular_f90: 0.0, ..metal }, Vec3::Y), []);
+    let between = Surface { roughness: 0.05, ..metal };
+    let [part] = events(&between, Vec3::Y)[..] else { panic!("one way on") };
+    let left = between.beside_events(Vec3::Y);
+    assert!((part.weight + left.specular_f0 - metal.specular_f0).length() < 1e-5, "halves of the light");
+    assert!((left.specular_f90 - 0.5).abs() < 1e-5, "{}", left.specular_f90);
     let varnished = Surface { diffuse_albedo: Vec3::ONE, transmission: Vec3::ZERO, ..glass(true) };
     let left = varnished.beside_events(Vec3::Y);
     assert_eq!((left.specular_f0, left.specular_f90), (Vec3::ZERO, 0.0));
@@ -161,7 +166,7 @@ fn no_light_is_made() {
         .into_iter()
         .chain([true, false].map(|front| (front, glass(true).interior)))
     {
-        for roughness in [0.03, 0.3, 1.0] {
+        for roughness in [0.03, 0.05, 0.3, 1.0] {
             for passing in [0.0, 0.5, 1.0] {
                 let surface = Surface {
                     front,

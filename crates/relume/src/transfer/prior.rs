@@ -34,6 +34,8 @@ pub(super) struct LightPrior {
     pub(super) held_alike: usize,
 }
 
+/// Random lights that all that shines in the scene counts as much as, together: it is known, where they are guesses.
+const SHINING: f64 = 24.0;
 /// One light in so many is held out: the last ones.
 const HELD_OUT: usize = 4;
 /// Most lights that are held out. Each costs a product with all rows.
@@ -61,7 +63,7 @@ impl LightPrior {
         let albedo: Vec<Vec3> = cloud.samples.iter().map(|sample| sample.albedo).collect();
         let mut lessons = Lessons { grey: Vec::new(), variance: vec![0.0; count] };
         // light from everywhere: a closed room under an even sky, and what is left where no lamp shines on anything
-        lessons.learn(&vec![Vec3::ONE; count]);
+        lessons.learn(&vec![Vec3::ONE; count], 1.0);
         let mut held = Vec::new();
         let alike = lights.alike.len();
         let first_held = alike - alike.div_ceil(HELD_OUT).min(MOST_HELD_OUT);
@@ -72,16 +74,23 @@ impl LightPrior {
             _ => Vec3::ONE,
         };
         let tints: Vec<Vec3> = albedo.iter().map(tint).collect();
+        let arrives = |light: &[f32]| -> Vec<Vec3> {
+            let light: Vec<Vec3> = light.iter().zip(&tints).map(|(grey, tint)| *grey * *tint).collect();
+            match bounce {
+                Some((bounce, times)) => bounces::gather_bounces(bounce, &albedo, &light, Some(times)).0,
+                None => light,
+            }
+        };
+        for shining in &lights.shining {
+            lessons.learn(&arrives(shining), SHINING / lights.shining.len() as f64);
+        }
         for (index, light) in lights.alike.iter().chain(&lights.others).enumerate() {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }
-            let mut light: Vec<Vec3> = light.iter().zip(&tints).map(|(grey, tint)| *grey * *tint).collect();
-            if let Some((bounce, times)) = bounce {
-                light = bounces::gather_bounces(bounce, &albedo, &light, Some(times)).0;
-            }
+            let light = arrives(light);
             if index < first_held {
-                lessons.learn(&light);
+                lessons.learn(&light, 1.0);
             } else {
                 held.extend(scaled(&light).map(|(_, grey)| grey));
                 if index < alike {
@@ -104,11 +113,13 @@ impl LightPrior {
 }
 
 impl Lessons {
-    fn learn(&mut self, light: &[Vec3]) {
-        let Some((shares, grey)) = scaled(light) else { return };
+    /// `weight` is how many lights it counts as.
+    fn learn(&mut self, light: &[Vec3], weight: f64) {
+        let Some((shares, mut grey)) = scaled(light) else { return };
         for (variance, share) in self.variance.iter_mut().zip(shares) {
-            *variance += share;
+            *variance += weight * share;
         }
+        grey.iter_mut().for_each(|coefficient| *coefficient *= weight.sqrt() as f32);
         self.grey.push(grey);
     }
 }

@@ -1,8 +1,9 @@
 //! Lights to learn from, and others to be judged by.
 //!
-//! What is learned from: random lights in the scene's free space (narrow and wide spots, omnis and suns) and, where there is a sky, skies. Nothing is
-//! learned from some of these, which tell how much an encoding loses; and from *others*, of kinds that are never learned from: needles of
-//! light, lamps at a wall, strings of lamps, low suns, surfaces that shine. Those tell how far what was learned holds.
+//! What is learned from: random lights in the scene's free space (narrow and wide spots, omnis and suns) and, where there is a sky, skies; and what
+//! shines in the scene, which is no guess. Nothing is learned from some of the random lights, which tell how much an encoding loses; and from
+//! *others*, of kinds that are never learned from: needles of light, lamps at a wall, strings of lamps, low suns, even skies. Those tell how far
+//! what was learned holds.
 
 use std::f32::consts::PI;
 
@@ -20,14 +21,15 @@ use crate::{Error, Result};
 const SKIES: f32 = 0.125;
 
 /// Kinds of lights that are never learned from.
-const OTHERS: u32 = 6;
+const OTHERS: u32 = 5;
+
+/// Most materials that shine which are learned from each by itself, those of the most power.
+const MOST_SHINING: usize = 8;
 
 /// A light on the cloud.
 enum Source {
     Lamps(Vec<Light>),
     Sky(Sky),
-    /// What all surfaces emit.
-    Emission,
 }
 
 /// Radiance on the cloud under lights, the mean of the channels.
@@ -37,6 +39,8 @@ pub(super) struct Training {
     pub(super) alike: Vec<Vec<f32>>,
     /// Of other kinds.
     pub(super) others: Vec<Vec<f32>>,
+    /// What surfaces emit, one a material.
+    pub(super) shining: Vec<Vec<f32>>,
 }
 
 /// A sky to learn from: some glow all around, and two places that are brighter.
@@ -109,6 +113,7 @@ impl Training {
         Ok(Self {
             alike: all(alike, seed, &|_, seed| space.usual(seed))?,
             others: all(others, hash(seed, 0x07_4e85), &|number, seed| space.unusual(number % OTHERS, seed))?,
+            shining: shining(cloud),
         })
     }
 }
@@ -161,7 +166,7 @@ impl<'a> Space<'a> {
         }])
     }
 
-    /// A light of one of the kinds that are not learned from. Where the scene has none of a kind (no sky, nothing that shines), it is dark.
+    /// A light of one of the kinds that are not learned from. Where there is no sky, its light is none.
     fn unusual(&self, kind: u32, seed: u32) -> Source {
         let random = |dimension: u32| unit(hash(dimension, seed));
         let anywhere = |seed: u32| self.place(seed, |free| free * (0.1 + 0.8 * random(1)));
@@ -187,8 +192,7 @@ impl<'a> Space<'a> {
                 Source::Lamps(vec![self.sun(Vec3::new(cos * turn.cos(), sin, cos * turn.sin()))])
             }
             // an even sky
-            4 => Source::Sky(Sky::even()),
-            _ => Source::Emission,
+            _ => Source::Sky(Sky::even()),
         }
     }
 
@@ -225,6 +229,25 @@ fn spot(position: Vec3, (inner_angle, outer_angle): (f32, f32), seed: u32) -> Li
     })
 }
 
+/// What each material emits, of those that bring the most light to the cloud.
+fn shining(cloud: &GatherCloud) -> Vec<Vec<f32>> {
+    let mut materials: Vec<u32> = cloud.emitted.iter().map(|part| part.material).collect();
+    materials.sort_unstable();
+    materials.dedup();
+    let of = |material: u32| cloud.emitted.iter().filter(move |part| part.material == material);
+    let power = |&material: &u32| -> f32 {
+        of(material).map(|part| part.radiance.element_sum() * cloud.samples[part.sample as usize].area).sum()
+    };
+    materials.sort_by(|a, b| power(b).total_cmp(&power(a)));
+    materials.truncate(MOST_SHINING);
+    let radiance = |material: u32| {
+        let mut radiance = vec![0.0; cloud.len()];
+        of(material).for_each(|part| radiance[part.sample as usize] += part.radiance.element_sum() / 3.0);
+        radiance
+    };
+    materials.into_iter().map(radiance).collect()
+}
+
 /// Radiance of each sample, the mean of the channels.
 fn radiance_of(source: &Source, cloud: &GatherCloud, accel: &Accel) -> Vec<f32> {
     let mean = |rgb: Vec3| rgb.element_sum() / 3.0;
@@ -238,7 +261,6 @@ fn radiance_of(source: &Source, cloud: &GatherCloud, accel: &Accel) -> Vec<f32> 
             sum
         }
         Source::Sky(sky) => on_the_sky(cloud, sky),
-        Source::Emission => cloud.samples.iter().map(|sample| mean(sample.emission)).collect(),
     }
 }
 

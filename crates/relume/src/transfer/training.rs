@@ -26,6 +26,9 @@ const OTHERS: u32 = 5;
 /// Most materials that shine which are learned from each by itself, those of the most power.
 const MOST_SHINING: usize = 8;
 
+/// Steps of what a place radiates beside the brightest of its material.
+const SHARES: f32 = 1024.0;
+
 /// A light on the cloud.
 enum Source {
     Lamps(Vec<Light>),
@@ -39,7 +42,7 @@ pub(super) struct Training {
     pub(super) alike: Vec<Vec<f32>>,
     /// Of other kinds.
     pub(super) others: Vec<Vec<f32>>,
-    /// What surfaces emit, one a material.
+    /// What surfaces emit, one a material, of its brightest place.
     pub(super) shining: Vec<Vec<f32>>,
 }
 
@@ -238,11 +241,19 @@ fn shining(cloud: &GatherCloud) -> Vec<Vec<f32>> {
     let power = |&material: &u32| -> f32 {
         of(material).map(|part| part.radiance.element_sum() * cloud.samples[part.sample as usize].area).sum()
     };
-    materials.sort_by(|a, b| power(b).total_cmp(&power(a)));
-    materials.truncate(MOST_SHINING);
+    if materials.len() > MOST_SHINING {
+        materials.sort_by(|a, b| power(b).total_cmp(&power(a)));
+        materials.truncate(MOST_SHINING);
+    }
+    // of the brightest place, and in steps: dimmed or coloured, as by a rig, the same lamp teaches the same, to the last bit
     let radiance = |material: u32| {
         let mut radiance = vec![0.0; cloud.len()];
-        of(material).for_each(|part| radiance[part.sample as usize] += part.radiance.element_sum() / 3.0);
+        let brightest =
+            of(material).map(|part| part.radiance.element_sum()).fold(f32::MIN_POSITIVE, f32::max);
+        of(material).for_each(|part| {
+            let share = part.radiance.element_sum() / brightest;
+            radiance[part.sample as usize] += (share * SHARES).round() / SHARES;
+        });
         radiance
     };
     materials.into_iter().map(radiance).collect()

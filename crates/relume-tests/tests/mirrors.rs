@@ -14,7 +14,7 @@ use relume::transfer::{Quality, Settings};
 use relume::{LightKind, LightRig, Transfer};
 use relume_tests::prepared::{prepare, relight_afresh, tiny};
 use relume_tests::scenes::{SceneBuilder, TestScene, emissive, lambertian, omni, rig};
-use relume_tests::truth::{Truths, trace, unbiased_relative_l2};
+use relume_tests::truth::{Truths, trace, trace_bounces, unbiased_relative_l2};
 
 const SIZE: (usize, usize) = (32, 24);
 const TINT: Vec3 = Vec3::new(0.9, 0.7, 0.5);
@@ -357,6 +357,130 @@ fn emitters_shine_in_mirrors() {
     }
 }
 
+/// Views end: after so many mirrors, and behind glass that parts them again and again.
+#[test]
+fn views_are_followed_so_far_and_no_farther() {
+    let mut builder = SceneBuilder::new();
+    let silver = builder.material(Material { base_color: Vec4::ONE, ..mirror() });
+    let white = builder.material(lambertian(Vec3::splat(0.5)));
+    // two mirrors that face each other
+    builder
+        .quad(Vec3::new(-9.0, -9.0, -2.0), Vec3::X * 18.0, Vec3::Y * 18.0, silver)
+        .quad(Vec3::new(-9.0, -9.0, 2.0), Vec3::Y * 18.0, Vec3::X * 18.0, silver)
+        .block(Vec3::new(5.0, -9.0, -1.0), Vec3::new(6.0, 9.0, 1.0), white)
+        .camera(Vec3::ZERO, Vec3::new(0.01, 0.01, -1.0), 20.0);
+    let transfer = prepare(&builder.build(), Settings { size: SIZE, ..tiny() });
+    let most = |transfer: &Transfer| {
+        let chains = &transfer.view.center_chains;
+        (0..transfer.view.pixels()).map(|pixel| chains.of_owner(pixel).len()).max().unwrap()
+    };
+    assert_eq!(most(&transfer), 8, "events");
+    let longest =
+        transfer.view.center_chains.branches.iter().map(|branch| branch.sample.depth).fold(0.0, f32::max);
+    // 2 metres to the first, then 4 each; at the corners 1.04 times as far
+    assert!((34.0..35.6).contains(&longest), "{longest} metres");
+
+    let mut builder = SceneBuilder::new();
+    let white = builder.material(lambertian(Vec3::splat(0.8)));
+    let dense = Material { ior: 4.0, ..glass(Interior::Thin, Vec3::ONE) };
+    let dense = builder.material(dense);
+    for pane in 0..6 {
+        let corner = Vec3::new(-9.0, -9.0, -1.0 - 0.1 * pane as f32);
+        builder.quad(corner, Vec3::X * 18.0, Vec3::Y * 18.0, dense);
+    }
+    builder.quad(Vec3::new(-20.0, -20.0, -3.0), Vec3::X * 40.0, Vec3::Y * 40.0, white).camera(
+        Vec3::ZERO,
+        Vec3::new(0.3, 0.1, -1.0),
+        40.0,
+    );
+    let transfer = prepare(&builder.build(), Settings { size: SIZE, ..tiny() });
+    let views = most(&transfer);
+    assert!((20..=32).contains(&views), "{views} views");
+}
+
+/// A lamp within tinted glass does not show itself there, in either engine; within clear glass it does.
+#[test]
+fn lamps_in_tinted_glass_are_not_shown() {
+    let shown = |extinction: f32| {
+        let mut builder = SceneBuilder::new();
+        let interior = Interior::Solid { extinction: Vec3::splat(extinction) };
+        let ball = builder.material(glass(interior, Vec3::ONE));
+        let black = builder.material(lambertian(Vec3::splat(0.01)));
+        builder
+            .sphere(Vec3::ZERO, 0.5, 48, false, ball)
+            .quad(Vec3::new(-20.0, -20.0, -6.0), Vec3::X * 40.0, Vec3::Y * 40.0, black)
+            .camera(Vec3::new(0.0, 0.0, 3.0), Vec3::ZERO, 20.0);
+        let built = builder.build();
+        let (_, images) = direct(&built, &rig([omni(Vec3::new(0.1, 0.05, 0.0), Vec3::ONE, 0.1)]));
+        images.map(|image| image.pixels.iter().map(|pixel| pixel.x).sum::<f32>())
+    };
+    let ([clear, traced_clear], [tinted, traced_tinted]) = (shown(0.0), shown(1.0));
+    println!("clear {clear} {traced_clear}, tinted {tinted} {traced_tinted}");
+    assert!((clear / traced_clear - 1.0).abs() < 0.02 && clear > 20.0 * tinted);
+    assert!((tinted / traced_tinted - 1.0).abs() < 0.05, "{tinted} {traced_tinted}");
+}
+
+/// A map's sun in a chrome ball: the light that falls on the ball leaves it evenly to all sides, in both engines.
+#[test]
+fn the_sun_of_a_map_shows_in_a_chrome_ball() {
+    let mut builder = SceneBuilder::new();
+    let chrome = builder.material(Material { base_color: Vec4::ONE, ..mirror() });
+    let white = builder.material(lambertian(Vec3::splat(0.5)));
+    builder
+        .sphere(Vec3::new(0.0, 1.0, 0.0), 0.2, 48, false, chrome)
+        .quad(Vec3::new(3.0, -0.5, -8.0), Vec3::Z, Vec3::X, white)
+        .camera(Vec3::new(0.0, 1.0, 4.0), Vec3::new(0.0, 1.0, 0.0), 12.0);
+    let built = builder.build();
+    let texels = (0..256 * 128).map(|i| Vec3::splat(if i == 40 * 256 + 70 { 1e4 } else { 0.0 })).collect();
+    let map = EnvironmentMap::new("sun", 256, 128, texels).unwrap();
+    let irradiance = map.texel(70, 40).x * map.solid_angle(40) as f32;
+    assert_eq!(map.suns().len(), 1);
+    let dome = rig([LightKind::Dome { map: Some(Arc::new(map)), intensity: Vec3::ONE, rotation: 0.0 }]);
+    let (_, images) = direct(&built, &dome);
+    let pixel = built.scene.cameras[0].pixel_angle(SIZE.0, SIZE.1);
+    let expected = irradiance * 0.2 * 0.2 / 4.0 / 16.0;
+    for image in images {
+        let shown = image.pixels.iter().map(|pixel| pixel.x).sum::<f32>() * pixel * pixel;
+        println!("{} of the light", shown / expected);
+        assert!((shown / expected - 1.0).abs() < 0.35, "{shown} instead of {expected}");
+    }
+}
+
+/// Without rows along lobes mirrors are followed all the same, and the parts of several lights add up.
+#[test]
+fn mirrors_need_no_glossy_rows_and_lights_add_up() {
+    let built = parlour();
+    let settings = Settings { size: (48, 27), glossy: false, ..tiny() };
+    let transfer = Arc::new(prepare(&built, settings));
+    assert!(transfer.glossy.is_none() && !transfer.view.quad_chains.branches.is_empty());
+    let lights = rig([
+        omni(Vec3::new(-0.3, 2.2, 1.0), Vec3::new(2.6, 2.3, 1.9), 0.1),
+        omni(Vec3::new(0.8, 1.8, 0.5), Vec3::ONE, 0.0),
+    ]);
+    let relight = RelightSettings { per_light: true, ..RelightSettings::default() };
+    let layers = relight_afresh(&transfer, &lights, &relight);
+    for pixel in 0..layers.direct.pixels.len() {
+        let sum: Vec3 = layers.per_light.iter().map(|light| light.direct.pixels[pixel]).sum();
+        assert!((sum - layers.direct.pixels[pixel]).length() <= 1e-5 * sum.length());
+    }
+    let traced = relume::reference::Settings {
+        width: 48,
+        height: 27,
+        spp: 256,
+        paths: relume::reference::Paths::DiffuseTransfer,
+        ..Default::default()
+    };
+    let counts = [Some(2)];
+    let truth =
+        trace_bounces(&built.scene, &built.geometry, &built.accel, &lights, &traced, &counts, &()).unwrap();
+    let relight = RelightSettings { bounces: Some(2), ..relight };
+    let layers = relight_afresh(&transfer, &lights, &relight);
+    let [direct, indirect] = [(&layers.direct, &truth.direct), (&layers.indirect, &truth.indirect[0])]
+        .map(|(image, truth)| unbiased_relative_l2(image, truth));
+    println!("direct {direct:.4}, indirect {indirect:.4}");
+    assert!(direct < 0.02 && indirect < 0.1, "{direct} {indirect}");
+}
+
 fn parlour() -> TestScene {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/parlour.glb");
     let scene = relume_io::load_scene(&path).expect("the parlour").scene;
@@ -429,6 +553,14 @@ fn caches_keep_mirrors_and_refuse_damaged_ones() {
     let loaded = Transfer::load(&path).unwrap();
     assert_eq!(loaded.view, transfer.view);
     assert_eq!(loaded.rows_of_quad_branches[..], transfer.rows_of_quad_branches[..]);
+    // in the open, views of the sky
+    let mut builder = under_a_ceiling();
+    let ball = builder.material(mirror());
+    builder.sphere(Vec3::new(0.2, 0.3, -0.8), 0.3, 24, false, ball);
+    let open = prepare(&builder.build(), Settings { size: SIZE, ..tiny() });
+    assert!(!open.view.quad_chains.sky.is_empty());
+    open.save(&path).unwrap();
+    assert_eq!(Transfer::load(&path).unwrap().view, open.view);
     let refused = |transfer: &Transfer| {
         transfer.save(&path).unwrap();
         Transfer::load(&path).unwrap_err().to_string()

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Branch, ViewSample, ViewSamples};
+use super::{Branch, ViewSample};
 
 /// Least cosine between the geometric normals of a sample and of its receiver.
 const SAME_FACE: f32 = 0.8;
@@ -25,7 +25,7 @@ pub(super) struct Seen<'a> {
     /// What a pixel sees there, metres across.
     pixel: f32,
     /// Whether it is seen by way of smooth surfaces.
-    pub(super) branch: bool,
+    branch: bool,
 }
 
 /// How alike samples must be.
@@ -37,19 +37,7 @@ pub(super) struct Alike {
     pub(super) glossy: bool,
 }
 
-impl<'a> Seen<'a> {
-    /// From the camera, of which a pixel has this angle.
-    pub(super) fn straight(sample: &'a ViewSample, camera: Vec3, pixel: f32) -> Self {
-        Self { sample, eye: camera, pixel: pixel * sample.depth, branch: false }
-    }
-
-    /// By way of smooth surfaces, which may have widened the view; a pixel has so many views along each side.
-    pub(super) fn branch(branch: &'a Branch, pixel: f32, views: f32) -> Self {
-        let widened = 2.0 * views * (branch.width + branch.spread * branch.last);
-        let Branch { sample, eye, .. } = branch;
-        Self { sample, eye: *eye, pixel: widened.max(pixel * sample.depth), branch: true }
-    }
-
+impl Seen<'_> {
     fn view(&self) -> Vec3 {
         (self.eye - self.sample.position) / self.sample.depth
     }
@@ -76,16 +64,16 @@ impl<'a> Seen<'a> {
 }
 
 impl Alike {
-    pub(super) fn straight<'a>(self, sample: &'a ViewSample, view: &ViewSamples) -> Seen<'a> {
-        Seen::straight(sample, view.camera, self.pixel)
+    /// Seen from the camera.
+    pub(super) fn straight(self, sample: &ViewSample, camera: Vec3) -> Seen<'_> {
+        Seen { sample, eye: camera, pixel: self.pixel * sample.depth, branch: false }
     }
 
-    pub(super) fn center_branch(self, branch: &Branch) -> Seen<'_> {
-        Seen::branch(branch, self.pixel, 1.0)
-    }
-
-    pub(super) fn quad_branch(self, branch: &Branch) -> Seen<'_> {
-        Seen::branch(branch, self.pixel, 2.0)
+    /// Seen by way of smooth surfaces, which may have widened the view. A pixel has so many views along each side: 1 of centres, 2 of quads.
+    pub(super) fn branch(self, branch: &Branch, views: f32) -> Seen<'_> {
+        let widened = 2.0 * views * (branch.width + branch.spread * branch.last);
+        let Branch { sample, eye, .. } = branch;
+        Seen { sample, eye: *eye, pixel: widened.max(self.pixel * sample.depth), branch: true }
     }
 
     /// Whether `seen` lies in the plane of `receiver`, faces as it does and is about as rough.

@@ -262,7 +262,7 @@ fn check_count(count: usize) -> Result<()> {
 
 fn nothing() -> Error {
     Error::Setting(
-        "the camera sees no surface that reflects light, but for mirrors and glass: nothing to relight"
+        "the camera sees no surface that reflects light, but for mirrors and glass: nothing to relight; take another camera, or make surfaces double-sided that it sees from behind"
             .into(),
     )
 }

@@ -105,13 +105,13 @@ impl Receivers {
         let alike = Alike { pixel: camera.pixel_angle(view.width, view.height), glossy };
         let mut receivers = Self::default();
         let rows = (0..view.height).into_par_iter().map(|row| sources(view, row, alike)).collect();
-        let centers = view.centers.iter().map(|center| alike.straight(center, view));
-        let quads = |quad: u32| alike.straight(&view.quads[quad as usize], view);
+        let centers = view.centers.iter().map(|center| alike.straight(center, view.camera));
+        let quads = |quad: u32| alike.straight(&view.quads[quad as usize], view.camera);
         (receivers.of_centers, receivers.of_quads, receivers.further) =
             receivers.place(centers, quads, rows, glossy);
         let rows = (0..view.height).into_par_iter().map(|row| branch_sources(view, row, alike)).collect();
-        let centers = view.center_chains.branches.iter().map(|branch| alike.center_branch(branch));
-        let quads = |branch: u32| alike.quad_branch(&view.quad_chains.branches[branch as usize]);
+        let centers = view.center_chains.branches.iter().map(|branch| alike.branch(branch, 1.0));
+        let quads = |branch: u32| alike.branch(&view.quad_chains.branches[branch as usize], 2.0);
         (receivers.of_center_branches, receivers.of_quad_branches, receivers.further_branches) =
             receivers.place(centers, quads, rows, glossy);
         let straight = view.quads.iter().map(|sample| (sample, 1.0)).zip(&receivers.of_quads);
@@ -184,7 +184,7 @@ impl Sources {
 /// Of the quads of a row of pixels.
 fn sources(view: &ViewSamples, row: usize, alike: Alike) -> Sources {
     let mut sources = Sources::default();
-    let straight = |sample| alike.straight(sample, view);
+    let straight = |sample| alike.straight(sample, view.camera);
     for column in 0..view.width {
         let first = sources.further.len();
         let pixel = row * view.width + column;
@@ -201,8 +201,8 @@ fn sources(view: &ViewSamples, row: usize, alike: Alike) -> Sources {
 fn branch_sources(view: &ViewSamples, row: usize, alike: Alike) -> Sources {
     let mut sources = Sources::default();
     let (center_chains, quad_chains) = (&view.center_chains, &view.quad_chains);
-    let of_center = |branch: usize| (branch as u32, alike.center_branch(&center_chains.branches[branch]));
-    let of_quad = |branch: u32| alike.quad_branch(&quad_chains.branches[branch as usize]);
+    let of_center = |branch: usize| (branch as u32, alike.branch(&center_chains.branches[branch], 1.0));
+    let of_quad = |branch: u32| alike.branch(&quad_chains.branches[branch as usize], 2.0);
     for column in 0..view.width {
         let first = sources.further.len();
         let pixel = row * view.width + column;
@@ -290,7 +290,7 @@ mod tests {
 
     /// The roughness of a receiver of these samples.
     fn roughness_of(samples: &[ViewSample]) -> f32 {
-        let mut points = [Receiver::of(Seen::straight(&samples[0], CAMERA, 1e-3))];
+        let mut points = [Receiver::of(Alike { pixel: 1e-3, glossy: true }.straight(&samples[0], CAMERA))];
         average(&mut points, samples.iter().map(|sample| ((sample, 1.0), &0)), true);
         points[0].gloss.roughness
     }

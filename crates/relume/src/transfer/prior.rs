@@ -82,6 +82,9 @@ impl LightPrior {
             }
         };
         for shining in &lights.shining {
+            if progress.cancelled() {
+                return Err(Error::Cancelled);
+            }
             lessons.learn(&arrives(shining), SHINING / lights.shining.len() as f64);
         }
         for (index, light) in lights.alike.iter().chain(&lights.others).enumerate() {

@@ -34,7 +34,7 @@ fn gather_by(
     };
     let seen: Vec<(Hit, Vec3)> =
         hits.centers.into_iter().enumerate().map(|(pixel, hit)| (hit, direction(pixel))).collect();
-    let settings = CloudSettings { count, method, sky: true, seed };
+    let settings = CloudSettings { count, method, sky: true, rays: 20_000_000, seed };
     GatherCloud::new(&built.scene, &built.geometry, &built.accel, &seen, &settings, &())
 }
 

@@ -135,7 +135,7 @@ fn samples_of_one_surface_share_a_receiver_that_has_their_mean_normal() {
     let built = bumps(90.0);
     let camera = &built.scene.cameras[0];
     let (view, _) = ViewSamples::new(&built.scene, &built.geometry, &built.accel, camera, SIZE, &()).unwrap();
-    let receivers = Receivers::new(&view, camera, true);
+    let receivers = Receivers::new(&view, camera, true, 1, &()).unwrap();
     let mut sums = vec![[Vec3::ZERO; 2]; receivers.points.len()];
     for (sample, &receiver) in view.quads.iter().zip(&receivers.of_quads) {
         let normal = sample.shading_normal.get();

@@ -45,6 +45,12 @@ pub(crate) struct Arguments {
     /// How much time and space to spend.
     #[arg(long, value_enum, default_value_t)]
     quality: QualityName,
+    /// Let up to so many alike receivers, mostly of neighbouring pixels, share what they gather, 1 to 256: nearly so many times as fast, and as coarse.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
+    sharing: u16,
+    /// Write a coarse cache within seconds, to be relit at once, a better one, and in the end the one that was asked for, each in place of the last.
+    #[arg(long)]
+    in_steps: bool,
     /// How the transfer is stored.
     #[arg(long, value_enum, default_value_t)]
     encoding: EncodingName,
@@ -87,6 +93,8 @@ Example:
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
 enum QualityName {
+    /// For the first seconds.
+    Glance,
     /// For a first look.
     Draft,
     /// For lighting.
@@ -236,10 +244,20 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let imported = scene_file::read(&arguments.scene, console)?;
     let read = began.elapsed().as_secs_f64();
     let camera = scene_file::camera(&imported.scene, arguments.camera.as_deref(), &arguments.scene)?;
-    let transfer = Preparation::new(&imported.scene)
+    let preparation = Preparation::new(&imported.scene)
         .name(scene_file::name(&arguments.scene))
-        .settings(arguments.settings(camera, photons))
-        .run(&console.progress())?;
+        .settings(arguments.settings(camera, photons));
+    let transfer = if arguments.in_steps {
+        let show = |transfer: Transfer| {
+            console.stage("writing a coarser cache", || transfer.save(&cache))?;
+            let after = duration(began.elapsed().as_secs_f64());
+            console.notice(&format!("{} can be relit after {after}; a finer one follows", cache.display()));
+            Ok(())
+        };
+        preparation.run_in_steps(&console.progress(), show)?
+    } else {
+        preparation.run(&console.progress())?
+    };
     let writing = Instant::now();
     console.stage("writing the cache", || transfer.save(&cache))?;
     let mut stages = vec![Stage { name: "reading the scene", seconds: read }];
@@ -271,10 +289,12 @@ impl Arguments {
                 CloudName::Adaptive => CloudMethod::Adaptive,
             },
             quality: match self.quality {
+                QualityName::Glance => Quality::Glance,
                 QualityName::Draft => Quality::Draft,
                 QualityName::Standard => Quality::Standard,
                 QualityName::Final => Quality::Final,
             },
+            sharing: usize::from(self.sharing),
             encoding: match self.encoding {
                 EncodingName::LowRank => Encoding::LowRank,
                 EncodingName::HaarRows => Encoding::HaarRows,

@@ -56,6 +56,8 @@ pub struct CloudSettings {
     pub method: CloudMethod,
     /// Whether a sixteenth of them are of the sky, if it can be seen.
     pub sky: bool,
+    /// Rays that all view samples together send at most, to tell who sees what: memory does not grow with the image.
+    pub rays: usize,
     /// Of all random numbers.
     pub seed: u32,
 }
@@ -98,7 +100,7 @@ impl GatherCloud {
     ) -> Result<(Self, CellMap)> {
         check_count(settings.count)?;
         let cells = settings.count as u64;
-        let rays = seen.len() as u64 * u64::from(Sightings::rays(seen.len()));
+        let rays = seen.len() as u64 * u64::from(Sightings::rays(seen.len(), settings.rays));
         let [coarsely, for_good, portrait] = CELL_STEPS;
         let for_good = for_good * cells + rays / RAYS_A_STEP;
         let other = (coarsely + reach::RAYS as u64 + portrait) * cells + tree::ordering_steps(settings.count);
@@ -308,7 +310,7 @@ impl Build<'_> {
         let normal_scale = tree::normal_scale(self.diagonal);
         let none = Sightings::none(self.geometry);
         let coarse = Refinement { geometry: self.geometry, sightings: &none, normal_scale };
-        let CloudSettings { count, seed, .. } = *self.settings;
+        let CloudSettings { count, seed, rays, .. } = *self.settings;
         let steps = CELL_STEPS[0] * count as u64;
         let (parts, cuts) = coarse.run(facets.clone(), CloudMethod::Uniform, count, (progress, steps))?;
         let surroundings = reach::explore(self.geometry, self.accel, &parts, &cuts, seed, progress)?;
@@ -324,7 +326,8 @@ impl Build<'_> {
             others_sky.extend(surroundings.sky);
         }
         let others = (&others[..], &others_sky[..]);
-        let (sightings, sky) = Sightings::new(self.geometry, self.accel, self.seen, others, seed, progress)?;
+        let seen = (self.seen, Sightings::rays(self.seen.len(), rays));
+        let (sightings, sky) = Sightings::new(self.geometry, self.accel, seen, others, seed, progress)?;
         Ok((facets, sightings, sky))
     }
 

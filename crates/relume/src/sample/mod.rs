@@ -11,6 +11,7 @@ mod packed;
 mod reach;
 mod receivers;
 mod refine;
+mod sharing;
 mod sightings;
 mod sky;
 mod sky_light;

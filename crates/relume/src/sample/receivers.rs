@@ -9,8 +9,10 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::alike::{Alike, Seen};
-use super::{ViewSample, ViewSamples};
+use super::sharing::Shared;
+use super::{ViewSample, ViewSamples, ordering_steps};
 use crate::scene::Camera;
+use crate::{Progress, Result};
 
 /// A point that receives light.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +44,7 @@ pub struct Gloss {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Receivers {
     /// First one for every pixel whose centre gathers light, row by row, then the further ones; then the same for what is seen in
-    /// mirrors and through glass.
+    /// mirrors and through glass. Where receivers are shared, those of them that are left.
     pub points: Vec<Receiver>,
     /// The receiver of each of [`ViewSamples::centers`]; [`Receivers::NONE`] where nothing is gathered.
     pub of_centers: Vec<u32>,
@@ -52,7 +54,7 @@ pub struct Receivers {
     pub of_center_branches: Vec<u32>,
     /// The same for those of [`ViewSamples::quad_chains`].
     pub of_quad_branches: Vec<u32>,
-    /// The quad that each of the further receivers lies on.
+    /// The quad that each of the further receivers lies on, before any are shared.
     pub further: Vec<u32>,
     /// The branch of a quad that each of those lies on that are seen in mirrors and through glass.
     pub further_branches: Vec<u32>,
@@ -100,8 +102,18 @@ impl Receivers {
     /// In place of a receiver where nothing is gathered.
     pub const NONE: u32 = u32::MAX;
 
-    /// Places receivers for what `camera` sees; `glossy` says whether light is gathered along specular lobes as well.
-    pub fn new(view: &ViewSamples, camera: &Camera, glossy: bool) -> Self {
+    /// Places receivers for what `camera` sees; `glossy` says whether light is gathered along specular lobes as well. Up to `sharing` that are
+    /// alike become one, also of several pixels; 1 leaves all.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    pub fn new(
+        view: &ViewSamples,
+        camera: &Camera,
+        glossy: bool,
+        sharing: usize,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
         let alike = Alike { pixel: camera.pixel_angle(view.width, view.height), glossy };
         let mut receivers = Self::default();
         let rows = (0..view.height).into_par_iter().map(|row| sources(view, row, alike)).collect();
@@ -114,12 +126,31 @@ impl Receivers {
         let quads = |branch: u32| alike.branch(&view.quad_chains.branches[branch as usize], 2.0);
         (receivers.of_center_branches, receivers.of_quad_branches, receivers.further_branches) =
             receivers.place(centers, quads, rows, glossy);
+        if sharing > 1 {
+            receivers.share(sharing, progress)?;
+        }
         let straight = view.quads.iter().map(|sample| (sample, 1.0)).zip(&receivers.of_quads);
         let branches = view.quad_chains.branches.iter();
         let branches = branches.map(|branch| (&branch.sample, branch.throughput.get().element_sum() / 3.0));
         let branches = branches.zip(&receivers.of_quad_branches);
         average(&mut receivers.points, straight.chain(branches), glossy);
-        receivers
+        Ok(receivers)
+    }
+
+    fn share(&mut self, most: usize, progress: &dyn Progress) -> Result<()> {
+        progress.stage("sharing of receivers", ordering_steps(self.points.len()));
+        let Shared { heads, served_by } = Shared::new(&self.points, most, progress)?;
+        self.points = heads.iter().map(|&head| self.points[head as usize]).collect();
+        let all = [
+            &mut self.of_centers,
+            &mut self.of_quads,
+            &mut self.of_center_branches,
+            &mut self.of_quad_branches,
+        ];
+        for receiver in all.into_iter().flatten().filter(|receiver| **receiver != Self::NONE) {
+            *receiver = served_by[*receiver as usize];
+        }
+        Ok(())
     }
 
     /// Places a receiver at each of the centres that gather, and the further ones of all rows of pixels.

@@ -16,9 +16,7 @@ use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d};
 use crate::trace::{Accel, Hit, Ray, offset_origin};
 use crate::{Error, Progress, Result};
 
-/// Rays that all view samples together send at most, so that memory does not grow with the image.
-const MOST_RAYS: usize = 20_000_000;
-/// And at most from each.
+/// Rays that a view sample sends at most.
 const RAYS: usize = 64;
 /// View samples that one task serves.
 const CHUNK: usize = 4096;
@@ -80,12 +78,12 @@ impl Sightings {
         Self { all: Vec::new(), first: vec![0; 2 * geometry.triangles.len() + 1], observers: 0, by_views: 0 }
     }
 
-    /// Rays that are sent from each of so many view samples.
-    pub(super) fn rays(seen: usize) -> u32 {
-        (MOST_RAYS / seen.max(1)).clamp(1, RAYS) as u32
+    /// Rays that are sent from each of so many view samples, up to `most` from all together.
+    pub(super) fn rays(seen: usize, most: usize) -> u32 {
+        (most / seen.max(1)).clamp(1, RAYS) as u32
     }
 
-    /// Sends rays from all view samples (`seen`: the camera's first hits and the directions of their rays) and adds
+    /// Sends so many rays from each of the view samples (`seen`: the camera's first hits and the directions of their rays) and adds
     /// the sightings `others` of surfaces by surfaces, each with its side. Also returns what is seen of the sky; `others_sky` are places
     /// of it that surfaces see. Every ray is a step, also where nothing is seen.
     ///
@@ -94,12 +92,11 @@ impl Sightings {
     pub(super) fn new(
         geometry: &Geometry,
         accel: &Accel,
-        seen: &[(Hit, Vec3)],
+        (seen, rays): (&[(Hit, Vec3)], u32),
         (others, others_sky): (&[(u32, Sighting)], &[u32]),
         seed: u32,
         progress: &dyn Progress,
     ) -> Result<(Self, SkySightings)> {
-        let rays = Self::rays(seen.len());
         let look = |(chunk, seen): (usize, &[(Hit, Vec3)])| {
             if progress.cancelled() {
                 return Err(Error::Cancelled);

@@ -5,9 +5,13 @@ use super::rows::RowSettings;
 use super::tiles::{Spread, TILE};
 
 /// How much time and space to spend.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quality {
+    /// For the first seconds.
+    Glance,
     /// For a first look.
     Draft,
     /// For lighting.
@@ -50,6 +54,13 @@ impl Quality {
         };
         let low_rank = |rank, kept, price| LowRankSettings { rank, kept, price };
         match self {
+            Self::Glance => Effort {
+                gather_rows: rows(16, 64, 1e-1, (0.2, 0.4)),
+                bounce_rows: rows(16, 48, 1e-1, (0.4, 0.4)),
+                gather_encoding: low_rank(64, 2048, 1.2e-5),
+                bounce_encoding: low_rank(64, 2048, 1.2e-5),
+                training_lights: 64,
+            },
             Self::Draft => Effort {
                 gather_rows: rows(16, 512, 4e-3, (0.1, 0.25)),
                 bounce_rows: rows(16, 256, 1e-2, (0.4, 0.4)),

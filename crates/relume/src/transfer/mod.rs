@@ -33,6 +33,7 @@ mod packed_runs;
 mod paper_rows;
 mod photons;
 mod preparation;
+mod preparing;
 mod prior;
 mod rectangles;
 mod rows;
@@ -53,6 +54,7 @@ pub use occluders::Occluders;
 pub use operator::{Encoding, EncodingError, Matrix, Operator};
 pub use photons::PhotonSettings;
 pub use preparation::Preparation;
+pub use preparing::{Preparing, Status};
 pub use selection::Selection;
 pub use settings::{RowMethod, Settings};
 

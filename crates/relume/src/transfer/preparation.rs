@@ -1,5 +1,6 @@
 //! From a scene to a transfer.
 
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use glam::{Vec2, Vec3};
@@ -25,6 +26,8 @@ use crate::sample::{CellMap, CloudSettings, GatherCloud, QUAD, Receivers, ViewHi
 use crate::scene::{Camera, Geometry, Scene};
 use crate::trace::{Accel, Hit};
 
+/// Rays that tell who sees what where no receivers are shared.
+const SIGHT_RAYS: usize = 20_000_000;
 /// Lights of other kinds than are learned from, by which encodings are judged as well.
 const OTHER_LIGHTS: usize = 24;
 /// Opening threshold of the paper's cluster cut, squared size over squared distance.
@@ -86,40 +89,54 @@ impl<'a> Preparation<'a> {
     /// # Errors
     /// [`crate::Error::Setting`] for settings out of range and scenes with nothing to relight; [`crate::Error::Cancelled`].
     pub fn run(self, progress: &dyn Progress) -> Result<Transfer> {
-        let camera = self.settings.check(self.scene)?.clone();
-        let began = Instant::now();
+        let camera = self.settings.check(self.scene)?;
         let stages = Stages::new(progress);
-        let geometry = Geometry::new(self.scene);
-        progress.stage("acceleration structure", 1);
-        let all = Accel::new(self.scene, &geometry);
-        let opaque = geometry.without_clear().map(|geometry| (Accel::new(self.scene, &geometry), geometry));
-        let (accel, opaque) =
-            opaque.as_ref().map_or((&all, &geometry), |(accel, geometry)| (accel, geometry));
-        let shot = Shot { scene: self.scene, geometry: opaque, accel, settings: &self.settings };
-        let (view, hits) =
-            ViewSamples::new(self.scene, &geometry, &all, &camera, self.settings.size, &stages)?;
-        let (receivers, cloud, map) = shot.samples(&camera, &view, &hits, &stages)?;
+        let looked = Looked::new(self.scene, camera, self.settings.size, &stages)?;
+        self.transfer(&self.settings, looked, stages)
+    }
+
+    /// Does it in steps: a coarse transfer within seconds, a better one, and in the end what [`Self::run`] returns, bit for bit. `show` is given
+    /// each but the last as soon as it is there.
+    ///
+    /// # Errors
+    /// As of [`Self::run`], and what `show` returns.
+    pub fn run_in_steps(
+        self,
+        progress: &dyn Progress,
+        mut show: impl FnMut(Transfer) -> Result<()>,
+    ) -> Result<Transfer> {
+        let camera = self.settings.check(self.scene)?;
+        let stages = Stages::new(progress);
+        let looked = Looked::new(self.scene, camera, self.settings.size, &stages)?;
+        for settings in self.settings.coarser() {
+            show(self.transfer(&settings, looked.clone(), Stages::new(progress))?)?;
+        }
+        self.transfer(&self.settings, looked, stages)
+    }
+
+    fn transfer(&self, settings: &Settings, looked: Looked<'_>, stages: Stages<'_>) -> Result<Transfer> {
+        let Looked { camera, geometry, all, opaque, view, hits } = looked;
+        let (geometry, all) = (&*geometry, &*all);
+        let opaque = opaque.as_deref();
+        let (accel, surfaces) = opaque.map_or((all, geometry), |(accel, geometry)| (accel, geometry));
+        let shot = Shot { scene: self.scene, geometry: surfaces, accel, settings };
+        let (receivers, cloud, map) = shot.samples(camera, &view, &hits, &stages)?;
         let (gather, bounce, owners) = shot.operators(&receivers, &cloud, &map, &stages)?;
-        let settings = &self.settings;
         let of_centers = [&receivers.of_centers[..], &receivers.of_center_branches[..]];
         let lit = gathering_pixels(&view, of_centers).max(1) as f64;
         let rows = row_numbers(&owners);
+        let materials = &self.scene.materials;
         let report = Report {
             settings: settings.clone(),
-            scene: self.name,
-            materials: self.scene.materials.iter().map(|material| material.name.clone()).collect(),
-            base_colors: self
-                .scene
-                .materials
-                .iter()
-                .map(|material| material.base_color.truncate().to_array())
-                .collect(),
+            scene: self.name.clone(),
+            materials: materials.iter().map(|material| material.name.clone()).collect(),
+            base_colors: materials.iter().map(|material| material.base_color.truncate().to_array()).collect(),
             emissive: (0..)
-                .zip(&self.scene.materials)
+                .zip(materials)
                 .filter(|(_, material)| material.emission != Vec3::ZERO)
                 .map(|(number, _)| number)
                 .collect(),
-            scene_hash: scene_hash(self.scene, &geometry, &camera),
+            scene_hash: scene_hash(self.scene, geometry, camera),
             triangles: geometry.triangles.len() as u64,
             rays_per_pixel: gather.rays as f64 / lit,
             rays_per_gather_sample: bounce.rays as f64 / cloud.surfaces().len() as f64,
@@ -127,11 +144,10 @@ impl<'a> Preparation<'a> {
             glossy_error: gather.glossy.as_ref().map(|glossy| glossy.expected_error),
             bounce_error: bounce.operator.expected_error,
         };
-        let occluders = Occluders::new(opaque, accel.masks());
-        let timings = Timings { stages: stages.finish(), seconds: began.elapsed().as_secs_f64() };
+        let occluders = Occluders::new(surfaces, accel.masks());
         Ok(Transfer {
             report,
-            timings,
+            timings: stages.finish(),
             view,
             cloud,
             gather: gather.operator,
@@ -146,27 +162,49 @@ impl<'a> Preparation<'a> {
     }
 }
 
+/// A scene as rays meet it, and what the camera sees of it: the same for all steps of a preparation.
+#[derive(Clone)]
+struct Looked<'a> {
+    camera: &'a Camera,
+    geometry: Arc<Geometry>,
+    all: Arc<Accel>,
+    /// Without clear surfaces, where there are any: what light meets.
+    opaque: Option<Arc<(Accel, Geometry)>>,
+    view: ViewSamples,
+    hits: ViewHits,
+}
+
+impl<'a> Looked<'a> {
+    fn new(scene: &Scene, camera: &'a Camera, size: (usize, usize), progress: &dyn Progress) -> Result<Self> {
+        let geometry = Geometry::new(scene);
+        progress.stage("acceleration structure", 1);
+        let all = Accel::new(scene, &geometry);
+        let opaque =
+            geometry.without_clear().map(|geometry| Arc::new((Accel::new(scene, &geometry), geometry)));
+        let (view, hits) = ViewSamples::new(scene, &geometry, &all, camera, size, progress)?;
+        Ok(Self { camera, geometry: geometry.into(), all: all.into(), opaque, view, hits })
+    }
+}
+
 /// Passes progress on and notes how long each stage took.
 struct Stages<'a> {
     progress: &'a dyn Progress,
-    began: std::sync::Mutex<Vec<(String, Instant)>>,
+    began: Mutex<Vec<(String, Instant)>>,
 }
 
 impl<'a> Stages<'a> {
     fn new(progress: &'a dyn Progress) -> Self {
-        Self {
-            progress,
-            began: std::sync::Mutex::new(vec![("acceleration structure".into(), Instant::now())]),
-        }
+        Self { progress, began: Mutex::new(vec![("acceleration structure".into(), Instant::now())]) }
     }
 
-    fn finish(&self) -> Vec<(String, f64)> {
+    fn finish(&self) -> Timings {
         self.stage("", 0);
         let began = self.began.lock().map(|began| began.clone()).unwrap_or_default();
-        began
+        let stages: Vec<(String, f64)> = began
             .windows(2)
             .map(|pair| (pair[0].0.clone(), pair[1].1.duration_since(pair[0].1).as_secs_f64()))
-            .collect()
+            .collect();
+        Timings { seconds: stages.iter().map(|(_, seconds)| seconds).sum(), stages }
     }
 }
 
@@ -206,7 +244,7 @@ impl Shot<'_> {
         progress: &dyn Progress,
     ) -> Result<(Receivers, GatherCloud, CellMap)> {
         let (width, height) = self.settings.size;
-        let receivers = Receivers::new(view, camera, self.settings.glossy);
+        let receivers = Receivers::new(view, camera, self.settings.glossy, self.settings.sharing, progress)?;
         let look = |pixel: usize, offset: Vec2| {
             let (x, y) = ((pixel % width) as f32 + offset.x, (pixel / width) as f32 + offset.y);
             camera.direction(x, y, width, height)
@@ -221,8 +259,8 @@ impl Shot<'_> {
         let opaque = self.geometry.triangles.len();
         let is_opaque = |(hit, _): &(Hit, Vec3)| !hit.is_hit() || (hit.triangle as usize) < opaque;
         let seen: Vec<_> = centers.chain(further).chain(branches).filter(is_opaque).collect();
-        let Settings { gather: count, cloud: method, sky, seed, .. } = *self.settings;
-        let settings = CloudSettings { count, method, sky, seed };
+        let Settings { gather: count, cloud: method, sky, seed, sharing, .. } = *self.settings;
+        let settings = CloudSettings { count, method, sky, rays: SIGHT_RAYS / sharing, seed };
         let (cloud, map) =
             GatherCloud::new(self.scene, self.geometry, self.accel, &seen, &settings, progress)?;
         Ok((receivers, cloud, map))
@@ -350,7 +388,7 @@ impl Rows<'_> {
     ) -> Result<(Computed, Vec<u32>)> {
         let (settings, count) = (self.shot.settings, self.patches.len());
         let (width, height) = settings.size;
-        let length = receiver_block(width * height);
+        let length = receiver_block(width * height / settings.sharing);
         let encoding = self.effort.gather_encoding.of_blocks(length);
         let mut store = Store::new(settings, encoding, prior, settings.coefficients, count);
         let rows = blocks::of_receivers(&receivers.points, length, settings.seed, progress)?;

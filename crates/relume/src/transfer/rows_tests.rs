@@ -72,7 +72,8 @@ fn lamp_error(room: &Room, points: &[GatherPoint], spread: Spread, faint: f32) -
         (hits[0], ray.direction)
     };
     let seen: Vec<(Hit, Vec3)> = (0..64 * 64).map(down).collect();
-    let settings = CloudSettings { count: CELLS, method: CloudMethod::Uniform, sky: true, seed: 0 };
+    let settings =
+        CloudSettings { count: CELLS, method: CloudMethod::Uniform, sky: true, rays: 20_000_000, seed: 0 };
     let (cloud, map) = GatherCloud::new(scene, geometry, accel, &seen, &settings, &()).unwrap();
     let patches = Patches::new(&cloud, &map);
     let settings = RowSettings { hemisphere_rays: 64, tile_rays: 512, lobe_rays: 64, faint, spread };

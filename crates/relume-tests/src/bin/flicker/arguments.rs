@@ -29,7 +29,7 @@ pub(crate) struct Arguments {
     /// Gather samples, a power of four.
     #[arg(long, value_name = "N", default_value = "65536", value_parser = gather_count)]
     pub(crate) gather: usize,
-    /// How much time and space to spend on the preparation: draft, standard or final.
+    /// How much time and space to spend on the preparation: glance, draft, standard or final.
     #[arg(long, value_name = "QUALITY", default_value = "standard", value_parser = named::<Quality>)]
     pub(crate) quality: Quality,
     /// Steps that the spot makes; there is one more image than steps.

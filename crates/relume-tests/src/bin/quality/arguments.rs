@@ -30,9 +30,12 @@ pub(crate) struct Arguments {
     /// Gather samples, a power of four.
     #[arg(long, value_name = "N", default_value = "65536", value_parser = gather_count)]
     pub(crate) gather: usize,
-    /// How much time and space to spend on a preparation: draft, standard or final.
+    /// How much time and space to spend on a preparation: glance, draft, standard or final.
     #[arg(long, value_name = "QUALITY", default_value = "standard", value_parser = named::<Quality>)]
     pub(crate) quality: Quality,
+    /// Receivers that share a row, 1 to 256.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
+    sharing: u16,
     /// How the transfer is stored; each one is a line of the table.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = "low-rank,haar-rows",
           value_parser = named::<Encoding>)]
@@ -195,6 +198,7 @@ impl Arguments {
             size: self.size,
             gather: self.gather,
             quality: self.quality,
+            sharing: usize::from(self.sharing),
             encoding,
             error: self.error.filter(|_| encoding == Encoding::LowRank).map(|percent| percent / 100.0),
             selection,

@@ -50,7 +50,7 @@ impl Console {
 
     /// That the command was interrupted, and what that leaves.
     pub(crate) fn interrupted(&self) {
-        to_stderr("error: interrupted; no unfinished file is left");
+        to_stderr("error: interrupted; no file is left half written");
     }
 
     /// Something good to know.

@@ -18,7 +18,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use relume::Result;
 
-use commands::{bench, compare, demo, info, prepare, reference, relight};
+use commands::{bench, compare, demo, info, merge, prepare, reference, relight};
 use console::Console;
 
 /// Relights a fixed shot with full global illumination while the lights move.
@@ -47,6 +47,7 @@ Exit status: 0, 1 (the job failed), 2 (bad input or usage), 130 (interrupted).";
 #[derive(Subcommand)]
 enum Command {
     Prepare(prepare::Arguments),
+    Merge(merge::Arguments),
     Relight(relight::Arguments),
     Reference(reference::Arguments),
     Compare(compare::Arguments),
@@ -76,6 +77,7 @@ fn main() -> ExitCode {
 fn run(command: &Command, console: &Console) -> Result<()> {
     match command {
         Command::Prepare(arguments) => prepare::run(arguments, console),
+        Command::Merge(arguments) => merge::run(arguments, console),
         Command::Relight(arguments) => relight::run(arguments, console),
         Command::Reference(arguments) => reference::run(arguments, console),
         Command::Compare(arguments) => compare::run(arguments, console),
@@ -99,7 +101,7 @@ mod tests {
     fn every_example_is_a_command_line() {
         let top = CommandLine::command();
         let commands: Vec<_> = top.get_subcommands().chain([&top]).collect();
-        assert_eq!(commands.len(), 8);
+        assert_eq!(commands.len(), 9);
         for command in commands {
             let help = command.get_after_help().unwrap().to_string();
             let examples: Vec<_> = help.lines().filter(|line| line.starts_with("  relume ")).collect();

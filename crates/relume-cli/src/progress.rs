@@ -70,6 +70,17 @@ impl Progress for StageProgress {
         }
     }
 
+    fn notice(&self, text: &str) {
+        if self.quiet {
+            return;
+        }
+        let bar = self.current.lock().ok().and_then(|current| current.as_ref()?.bar.clone());
+        match bar {
+            Some(bar) => bar.suspend(|| to_stderr(text)),
+            None => to_stderr(text),
+        }
+    }
+
     fn cancelled(&self) -> bool {
         interrupt::requested()
     }

@@ -12,6 +12,11 @@ pub trait Progress: Sync {
         let _ = steps;
     }
 
+    /// Something good to know about the work.
+    fn notice(&self, text: &str) {
+        let _ = text;
+    }
+
     /// Asked often; `true` ends the work with [`crate::Error::Cancelled`].
     fn cancelled(&self) -> bool {
         false

@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use relume::sample::CloudMethod;
 use relume::transfer::{
-    Encoding, EncodingError, Multibounce, PhotonSettings, Quality, RowMethod, Selection, Settings,
+    Encoding, EncodingError, Multibounce, PhotonSettings, Quality, RowMethod, Selection, Settings, Shard,
 };
 use relume::{Error, Preparation, Result, Transfer};
 use serde::Serialize;
@@ -49,8 +49,17 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
     sharing: u16,
     /// Write a coarse cache within seconds, to be relit at once, a better one, and in the end the one that was asked for, each in place of the last.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "shard")]
     in_steps: bool,
+    /// Do one part of N of the work, for several machines to share it, and leave its blocks beside the cache, which `relume merge` makes of all parts.
+    #[arg(long, value_name = "I/N", value_parser = shard)]
+    shard: Option<Shard>,
+    /// With --shard: do the part of the bounces alone, which comes first. Without, each part does all bounces that no other has left beside it.
+    #[arg(long, requires = "shard")]
+    bounces_only: bool,
+    /// Keep no finished blocks while preparing, from which the same command would go on after an interruption.
+    #[arg(long, conflicts_with = "shard")]
+    no_checkpoint: bool,
     /// How the transfer is stored.
     #[arg(long, value_enum, default_value_t)]
     encoding: EncodingName,
@@ -244,37 +253,136 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let imported = scene_file::read(&arguments.scene, console)?;
     let read = began.elapsed().as_secs_f64();
     let camera = scene_file::camera(&imported.scene, arguments.camera.as_deref(), &arguments.scene)?;
-    let preparation = Preparation::new(&imported.scene)
+    let mut preparation = Preparation::new(&imported.scene)
         .name(scene_file::name(&arguments.scene))
         .settings(arguments.settings(camera, photons));
-    let transfer = if arguments.in_steps {
+    if let Some(shard) = arguments.shard {
+        return blocks_of_shard(preparation, shard, arguments, (&cache, began), console);
+    }
+    let kept = cache.with_extension(BLOCKS);
+    if !arguments.no_checkpoint {
+        preparation = preparation.keep_blocks(&kept);
+    }
+    let prepared = if arguments.in_steps {
         let show = |transfer: Transfer| {
             console.stage("writing a coarser cache", || transfer.save(&cache))?;
             let after = duration(began.elapsed().as_secs_f64());
             console.notice(&format!("{} can be relit after {after}; a finer one follows", cache.display()));
             Ok(())
         };
-        preparation.run_in_steps(&console.progress(), show)?
+        preparation.run_in_steps(&console.progress(), show)
     } else {
-        preparation.run(&console.progress())?
+        preparation.run(&console.progress())
     };
-    let writing = Instant::now();
-    console.stage("writing the cache", || transfer.save(&cache))?;
-    let mut stages = vec![Stage { name: "reading the scene", seconds: read }];
-    let between = transfer.timings.stages.iter();
-    stages.extend(between.map(|(name, seconds)| Stage { name, seconds: *seconds }));
-    stages.push(Stage { name: "writing the cache", seconds: writing.elapsed().as_secs_f64() });
-    let figures = Figures {
+    if !arguments.no_checkpoint && matches!(prepared, Err(Error::Cancelled)) && kept.exists() {
+        console
+            .notice(&format!("{} holds what is done: the same command goes on from there", kept.display()));
+    }
+    let transfer = prepared?;
+    let saved = Saved { scene: &arguments.scene, cache: &cache, began, read, warnings: &imported.warnings };
+    saved.save(&transfer, arguments.json, console)?;
+    if !arguments.no_checkpoint && kept.exists() {
+        std::fs::remove_file(&kept).map_err(|error| Error::io(&kept, "remove", error))?;
+    }
+    Ok(())
+}
+
+/// What is reported of a transfer beside itself.
+pub(crate) struct Saved<'a> {
+    pub(crate) scene: &'a Path,
+    pub(crate) cache: &'a Path,
+    /// The command.
+    pub(crate) began: Instant,
+    /// Seconds that reading the scene took.
+    pub(crate) read: f64,
+    pub(crate) warnings: &'a [String],
+}
+
+impl Saved<'_> {
+    /// Writes the cache and tells what it is.
+    ///
+    /// # Errors
+    /// As of [`Transfer::save`] and [`Console::result`].
+    pub(crate) fn save(&self, transfer: &Transfer, json: bool, console: &Console) -> Result<()> {
+        let Self { scene, cache, began, read, warnings } = *self;
+        let writing = Instant::now();
+        console.stage("writing the cache", || transfer.save(cache))?;
+        let mut stages = vec![Stage { name: "reading the scene", seconds: read }];
+        let between = transfer.timings.stages.iter();
+        stages.extend(between.map(|(name, seconds)| Stage { name, seconds: *seconds }));
+        stages.push(Stage { name: "writing the cache", seconds: writing.elapsed().as_secs_f64() });
+        let figures = Figures {
+            scene,
+            cache,
+            seconds: began.elapsed().as_secs_f64(),
+            peak_rss_bytes: peak_resident_bytes(),
+            cache_bytes: cache.metadata().map_err(|error| Error::io(cache, "read", error))?.len(),
+            stages,
+            warnings,
+            ..Figures::of(transfer)
+        };
+        if json { console.json(&figures) } else { console.result(&figures.to_string()) }
+    }
+}
+
+/// Ending of files of finished blocks.
+pub(crate) const BLOCKS: &str = "relume-blocks";
+
+fn shard(text: &str) -> Result<Shard, String> {
+    let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
+    let shard = parts.map(|(number, of)| Shard { number, of });
+    let known =
+        shard.filter(|shard| (1..=4096).contains(&shard.of) && (1..=shard.of).contains(&shard.number));
+    known.ok_or_else(|| "must be I/N, as 2/8: the second of eight; at most 4096".to_owned())
+}
+
+/// What `--json` prints of a shard.
+#[derive(Serialize)]
+struct ShardFigures<'a> {
+    scene: &'a Path,
+    blocks_file: &'a Path,
+    shard: Shard,
+    bounces_only: bool,
+    /// Blocks of this part of the work.
+    blocks: usize,
+    seconds: f64,
+    peak_rss_bytes: Option<u64>,
+    file_bytes: u64,
+}
+
+/// Does one part of the work.
+fn blocks_of_shard(
+    preparation: Preparation<'_>,
+    shard: Shard,
+    arguments: &Arguments,
+    (cache, began): (&Path, Instant),
+    console: &Console,
+) -> Result<()> {
+    let of_shard = |number: u32| cache.with_extension(format!("{number}-of-{}.{BLOCKS}", shard.of));
+    let own = of_shard(shard.number);
+    let others = (1..=shard.of).filter(|&number| number != shard.number).map(of_shard);
+    let others = others.filter(|path| path.exists());
+    let preparation = preparation.keep_blocks(&own).finished_blocks(others);
+    let blocks = preparation.run_shard(shard, arguments.bounces_only, &console.progress())?;
+    let figures = ShardFigures {
         scene: &arguments.scene,
-        cache: &cache,
+        blocks_file: &own,
+        shard,
+        bounces_only: arguments.bounces_only,
+        blocks,
         seconds: began.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_resident_bytes(),
-        cache_bytes: cache.metadata().map_err(|error| Error::io(&cache, "read", error))?.len(),
-        stages,
-        warnings: &imported.warnings,
-        ..Figures::of(&transfer)
+        file_bytes: own.metadata().map_or(0, |metadata| metadata.len()),
     };
-    if arguments.json { console.json(&figures) } else { console.result(&figures.to_string()) }
+    if arguments.json {
+        return console.json(&figures);
+    }
+    let mut table = Table::new();
+    table.line("part", format!("{} of {}, {}", shard.number, shard.of, plural(blocks, "block", "blocks")));
+    table.line("time", duration(figures.seconds));
+    table.line("blocks", format!("{}, {}", own.display(), bytes(figures.file_bytes)));
+    table.line("peak memory", figures.peak_rss_bytes.map_or("not known".to_owned(), bytes));
+    console.result(&table.to_string())
 }
 
 impl Arguments {

@@ -1,5 +1,5 @@
 //! Commands that cannot finish: interrupted, out of space, or not allowed to write. They end in one sentence and leave
-//! nothing behind.
+//! nothing behind but what the same command goes on from.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -47,18 +47,101 @@ fn an_interrupted_job_says_so_and_leaves_nothing() {
     let (before, arcade) = (names(&work), shared("arcade.glb").canonicalize().unwrap());
     let arcade = arcade.to_str().unwrap();
     let prepare = ["prepare", arcade, "-o", "shot.relume", "--gather", "1024", "--quality", "final"];
+    let alone = [&prepare[..], &["--no-checkpoint"]].concat();
     let reference = ["reference", arcade, "--rig", "rig.toml", "-o", "shot.exr", "--spp", "65536"];
     let jobs = [
         (&prepare[..], "view samples", "INT"),
-        (&prepare, "final gather", "TERM"),
+        (&alone, "final gather", "TERM"),
         (&reference, "path tracing", "INT"),
     ];
     for (arguments, stage, signal) in jobs {
         let ran = interrupted(&work, arguments, stage, signal);
         assert_eq!((ran.status, ran.stdout.as_str()), (130, ""), "{arguments:?}: {}", ran.stderr);
-        assert_eq!(errors(&ran), ["error: interrupted; no unfinished file is left"], "{}", ran.stderr);
+        assert_eq!(errors(&ran), ["error: interrupted; no file is left half written"], "{}", ran.stderr);
         assert_eq!(names(&work), before, "{arguments:?}");
     }
+}
+
+/// Asked to stop or killed, the same command goes on from the blocks that are done, to the same bytes.
+#[test]
+fn an_interrupted_preparation_goes_on() {
+    let work = Workplace::new();
+    let (before, arcade) = (names(&work), shared("arcade.glb").canonicalize().unwrap());
+    let arcade = arcade.to_str().unwrap();
+    let prepare = |cache| {
+        let size = ["--size", "160x120", "--gather", "1024", "--quality", "draft"];
+        [&["prepare", arcade, "-o", cache][..], &size].concat()
+    };
+    for (signal, status) in [("TERM", 130), ("KILL", -1)] {
+        let ran = interrupted(&work, &prepare("shot.relume"), "final gather", signal);
+        assert_eq!(ran.status, status, "{}", ran.stderr);
+        let told = "shot.relume-blocks holds what is done: the same command goes on from there";
+        assert_eq!(ran.stderr.contains(told), signal == "TERM", "{}", ran.stderr);
+        let left: Vec<String> = names(&work).into_iter().filter(|name| !before.contains(name)).collect();
+        assert_eq!(left, ["shot.relume-blocks"]);
+    }
+    let ran = work.succeed(&prepare("shot.relume"));
+    assert!(ran.stderr.contains("blocks already"), "{}", ran.stderr);
+    assert!(!work.path("shot.relume-blocks").exists(), "done: nothing to go on from");
+    work.succeed(&prepare("other.relume"));
+    assert!(work.read("shot.relume") == work.read("other.relume"), "other bytes after an interruption");
+}
+
+/// Two parts by two commands, and the cache that is made of them.
+#[test]
+fn parts_of_the_work_are_merged() {
+    let work = Workplace::new();
+    let prepare =
+        |more: &[&'static str]| [&["prepare", "room.gltf", "-o", "shot.relume"][..], &SMALL, more].concat();
+    for part in ["1/2", "2/2"] {
+        work.succeed(&prepare(&["--shard", part, "--bounces-only"]));
+    }
+    let merge = |files: &[&'static str]| [&["merge", "room.gltf", "-o", "shot.relume"][..], files].concat();
+    let parts = ["shot.1-of-2.relume-blocks", "shot.2-of-2.relume-blocks"];
+    work.refused(&merge(&parts), 2, "give those of all shards");
+    for part in ["1/2", "2/2"] {
+        let told = work.succeed(&prepare(&["--shard", part, "--json"]));
+        assert!(told.stdout.contains(r#""number": "#), "{}", told.stdout);
+    }
+    assert!(!work.path("shot.relume").exists());
+    work.refused(&merge(&parts[..1]), 2, "give those of all shards");
+    work.succeed(&merge(&parts));
+    let merged = work.read("shot.relume");
+    work.succeed(&prepare(&[]));
+    assert!(merged == work.read("shot.relume"));
+    work.refused(&merge(&["room.gltf"]), 2, "a file of blocks ends in .relume-blocks");
+    work.write("none.relume-blocks", b"nothing");
+    work.refused(&merge(&["none.relume-blocks"]), 2, "holds no blocks");
+    for part in ["0/2", "3/2", "2", "a/b", "1/5000"] {
+        let mut arguments = prepare(&["--shard"]);
+        arguments.push(part);
+        work.refused(&arguments, 2, "must be I/N");
+    }
+}
+
+/// A first cache that can be relit is there before the last one is.
+#[test]
+fn a_cache_is_written_in_steps() {
+    let work = Workplace::new();
+    let prepare = ["prepare", "room.gltf", "-o", "shot.relume", "--size", "64x48", "--gather", "1024"];
+    let ran = work.succeed(&[&prepare[..], &["--in-steps"]].concat());
+    assert_eq!(ran.stderr.matches("shot.relume can be relit after").count(), 2, "{}", ran.stderr);
+    let steps = work.read("shot.relume");
+    work.succeed(&prepare);
+    assert!(steps == work.read("shot.relume"));
+    work.succeed(&[
+        "prepare",
+        "room.gltf",
+        "-o",
+        "few.relume",
+        "--size",
+        "64x48",
+        "--gather",
+        "1024",
+        "--sharing",
+        "4",
+    ]);
+    assert!(work.read("few.relume").len() < steps.len());
 }
 
 /// Asked to stop by nobody, the same kind of job ends well and leaves its file.

@@ -3,7 +3,9 @@
 use std::sync::Mutex;
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
+use super::block_file::{BlockFile, Part, Shard};
 use super::block_lengths;
 use super::blocks::Blocks;
 use super::haar_blocks::HaarBlocks;
@@ -127,6 +129,7 @@ struct Workplace {
 }
 
 /// A block of rows, as what it became.
+#[derive(Serialize, Deserialize)]
 enum EncodedBlock {
     /// One after the other.
     LowRank(Vec<low_rank_encoder::Encoded>),
@@ -134,35 +137,128 @@ enum EncodedBlock {
 }
 
 /// A block of rows of both operators.
+#[derive(Serialize, Deserialize)]
 struct Done {
     diffuse: EncodedBlock,
     glossy: Option<EncodedBlock>,
     rays: u64,
 }
 
-/// Computes the operators that gather at the points of `blocks`.
-pub(super) fn compute(plan: Plan<'_>, blocks: &Blocks, progress: &dyn Progress) -> Result<Computed> {
-    let mut runs = Vec::with_capacity(blocks.lengths.len());
-    let mut rest = &blocks.points[..];
-    for &length in &blocks.lengths {
-        let (run, after) = rest.split_at(length);
-        runs.push(run);
-        rest = after;
+impl Done {
+    /// Whether its parts fit each other and a block of so many rows and columns.
+    fn is_sound(&self, rows: usize, count: usize) -> bool {
+        let sound = |block: &EncodedBlock| match block {
+            EncodedBlock::LowRank(blocks) => {
+                blocks.iter().map(|block| block.shape.rows as usize).sum::<usize>() == rows
+                    && blocks.iter().all(|block| block.is_sound(count))
+            }
+            EncodedBlock::Haar(kept) => kept.is_sound(rows, count),
+        };
+        sound(&self.diffuse) && self.glossy.as_ref().is_none_or(sound)
     }
-    let plan = Plan { glossy: plan.glossy && blocks.points.iter().any(|p| p.lobe.is_some()), ..plan };
-    let workplaces = Workplaces::default();
-    let done: Vec<Done> = runs
+}
+
+/// Where finished blocks are found, and where they are kept.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Finished<'a> {
+    /// Read, and added to.
+    pub(super) own: Option<&'a BlockFile>,
+    /// Read.
+    pub(super) others: &'a [BlockFile],
+    /// Whether all are there, and none is to be computed.
+    pub(super) complete: bool,
+}
+
+impl Finished<'_> {
+    /// # Errors
+    /// [`Error::Io`]; [`Error::File`] where the content makes no block of `rows` rows and `count` columns.
+    fn get(&self, part: Part, block: usize, (rows, count): (usize, usize)) -> Result<Option<Done>> {
+        for file in self.own.into_iter().chain(self.others) {
+            if let Some(content) = file.get(part, block as u32)? {
+                let done =
+                    postcard::from_bytes(&content).ok().filter(|done: &Done| done.is_sound(rows, count));
+                let damaged = || {
+                    Error::file(file.path(), "holds a block that makes no sense; remove it and prepare again")
+                };
+                return done.map(Some).ok_or_else(damaged);
+            }
+        }
+        Ok(None)
+    }
+
+    /// # Errors
+    /// [`Error::Io`].
+    fn put(&self, part: Part, block: usize, done: &Done) -> Result<()> {
+        let Some(file) = self.own else { return Ok(()) };
+        let content = postcard::to_stdvec(done)
+            .map_err(|error| Error::io(file.path(), "write", std::io::Error::other(error)))?;
+        file.put(part, block as u32, &content)
+    }
+}
+
+/// Blocks of rows that are estimated and encoded, or were before.
+struct Work<'a> {
+    plan: Plan<'a>,
+    part: Part,
+    runs: Vec<&'a [GatherPoint]>,
+    finished: Finished<'a>,
+    workplaces: Workplaces,
+}
+
+impl<'a> Work<'a> {
+    fn new(plan: Plan<'a>, part: Part, blocks: &'a Blocks, finished: Finished<'a>) -> Self {
+        let mut runs = Vec::with_capacity(blocks.lengths.len());
+        let mut rest = &blocks.points[..];
+        for &length in &blocks.lengths {
+            let (run, after) = rest.split_at(length);
+            runs.push(run);
+            rest = after;
+        }
+        let plan = Plan { glossy: plan.glossy && blocks.points.iter().any(|p| p.lobe.is_some()), ..plan };
+        Self { plan, part, runs, finished, workplaces: Workplaces::default() }
+    }
+
+    fn block(&self, block: usize, progress: &dyn Progress) -> Result<Done> {
+        if progress.cancelled() {
+            return Err(Error::Cancelled);
+        }
+        let points = self.runs[block];
+        let done = match self.finished.get(self.part, block, (points.len(), self.plan.count))? {
+            Some(done) => done,
+            None if self.finished.complete => {
+                return Err(Error::Setting(format!(
+                    "block {block} of {} is in none of the files; give those of all shards, and run those again that did not end",
+                    self.runs.len()
+                )));
+            }
+            None => {
+                let done = self.workplaces.with(|workplace| workplace.run(self.plan, points));
+                self.finished.put(self.part, block, &done)?;
+                done
+            }
+        };
+        progress.advance(points.len() as u64);
+        Ok(done)
+    }
+}
+
+/// Computes the operators that gather at the points of `blocks`, but for what is there already.
+///
+/// # Errors
+/// [`Error::Cancelled`]; of what is finished.
+pub(super) fn compute(
+    plan: Plan<'_>,
+    (part, blocks): (Part, &Blocks),
+    finished: Finished<'_>,
+    progress: &dyn Progress,
+) -> Result<Computed> {
+    let work = Work::new(plan, part, blocks, finished);
+    let done: Vec<Done> = (0..work.runs.len())
         .into_par_iter()
         .with_max_len(1)
-        .map(|points| {
-            if progress.cancelled() {
-                return Err(Error::Cancelled);
-            }
-            let done = workplaces.with(|workplace| workplace.run(plan, points));
-            progress.advance(points.len() as u64);
-            Ok(done)
-        })
+        .map(|block| work.block(block, progress))
         .collect::<Result<_>>()?;
+    let plan = work.plan;
     let rays = done.iter().map(|block| block.rays).sum();
     let (mut diffuse, mut glossy) = (Vec::new(), Vec::new());
     for block in done {
@@ -173,6 +269,24 @@ pub(super) fn compute(plan: Plan<'_>, blocks: &Blocks, progress: &dyn Progress) 
     let operator = assemble(diffuse, plan.encoder, rows, plan.count);
     let glossy = plan.glossy.then(|| assemble(glossy, plan.encoder, rows, plan.count));
     Ok(Computed { operator, glossy, rays })
+}
+
+/// Computes the blocks of a shard, but for what is there already, and keeps them in the file. Returns how many they are.
+///
+/// # Errors
+/// As of [`compute`].
+pub(super) fn compute_share(
+    plan: Plan<'_>,
+    (part, blocks): (Part, &Blocks),
+    finished: Finished<'_>,
+    shard: Shard,
+    progress: &dyn Progress,
+) -> Result<usize> {
+    let work = Work::new(plan, part, blocks, finished);
+    let share: Vec<usize> = (0..work.runs.len()).filter(|&block| shard.has(block as u32)).collect();
+    progress.stage(part.name(), share.iter().map(|&block| work.runs[block].len() as u64).sum());
+    share.par_iter().with_max_len(1).try_for_each(|&block| work.block(block, progress).map(drop))?;
+    Ok(share.len())
 }
 
 /// What the blocks `which` lose of the light that is sent to them when they are encoded at each of `prices`, in units of the plan's: squares, relative.

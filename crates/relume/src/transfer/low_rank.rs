@@ -41,7 +41,9 @@ impl LowRankSettings {
 }
 
 /// How large the parts of a block are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable, serde::Serialize, serde::Deserialize,
+)]
 #[repr(C)]
 pub struct BlockShape {
     /// Rows.

@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, SymmetricEigen};
 
 use super::gemm::{View, product};
 use super::low_rank::{BlockShape, LowRankSettings};
-use super::packed_runs::RunWriter;
+use super::packed_runs::{RunWriter, runs_of};
 use super::prior::LightPrior;
 
 /// `a`: how far the training lights are trusted about what goes together.
@@ -41,7 +41,7 @@ const STEP: f64 = 1.4;
 const DEAD_ZONE: f32 = 0.58;
 
 /// One encoded block, and how well it fits.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub(super) struct Encoded {
     pub(super) shape: BlockShape,
     /// Numbers of the kept coefficients, the most important first.
@@ -57,6 +57,22 @@ pub(super) struct Encoded {
 }
 
 impl Encoded {
+    /// Whether its parts are as many as its shape says, over `count` coefficients.
+    pub(super) fn is_sound(&self, count: usize) -> bool {
+        let BlockShape { rows, rank, kept } = self.shape;
+        let (rows, rank, kept) = (rows as usize, rank as usize, kept as usize);
+        let runs = |columns: usize, length: usize| columns.checked_mul(runs_of(length));
+        self.indices.len() == kept
+            && self.indices.iter().all(|&index| (index as usize) < count)
+            && self.v_scales.len() == rank
+            && self.u_scales.len() == rank
+            && self.v.is_sound()
+            && self.u.is_sound()
+            && runs(rank, kept) == Some(self.v.widths.len())
+            && runs(rank, rows) == Some(self.u.widths.len())
+            && self.energy.len() == self.lost.len()
+    }
+
     /// Of all that is stored of it, where a coefficient's number takes `place` bytes.
     fn bytes(&self, place: usize) -> usize {
         size_of::<BlockShape>()

@@ -5,6 +5,7 @@
 //! file.
 
 mod atlas;
+mod block_file;
 mod block_lengths;
 mod blocks;
 mod bounces;
@@ -39,9 +40,11 @@ mod rectangles;
 mod rows;
 mod selection;
 mod settings;
+mod shot;
 mod tiles;
 mod training;
 
+pub use block_file::{BlocksOf, Shard};
 pub use bounces::BounceSeries;
 pub use buffer::Buffer;
 pub use cache::FORMAT_VERSION;

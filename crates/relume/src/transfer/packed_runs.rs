@@ -31,7 +31,7 @@ pub(super) struct Runs<'a> {
 }
 
 /// Runs that are being written.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct RunWriter {
     pub(super) widths: Vec<u8>,
     pub(super) bytes: Vec<u8>,
@@ -58,7 +58,18 @@ fn width_of(run: &[i16]) -> u8 {
     }
 }
 
+/// Whether all widths are known and so many bytes are theirs.
+fn are_sound(widths: &[u8], bytes: &[u8]) -> bool {
+    let known = widths.iter().all(|width| matches!(width, 0..=8 | 16));
+    known && widths.iter().map(|&width| run_bytes(width)).sum::<usize>() == bytes.len()
+}
+
 impl RunWriter {
+    /// Whether all widths are known and the bytes are theirs.
+    pub(super) fn is_sound(&self) -> bool {
+        are_sound(&self.widths, &self.bytes)
+    }
+
     /// Adds values, and zeros up to the end of the last run.
     pub(super) fn add(&mut self, values: &[i16]) {
         for part in values.chunks(RUN) {
@@ -99,8 +110,7 @@ impl PackedRuns {
 
     /// Whether all widths are known and the bytes are theirs.
     pub(super) fn is_sound(&self) -> bool {
-        let known = self.widths.iter().all(|width| matches!(width, 0..=8 | 16));
-        known && self.widths.iter().map(|&width| run_bytes(width)).sum::<usize>() == self.bytes.len()
+        are_sound(&self.widths, &self.bytes)
     }
 
     /// All of them.

@@ -1,39 +1,21 @@
 //! From a scene to a transfer.
 
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use xxhash_rust::xxh3::Xxh3;
 
-use super::budget;
-use super::compute::{self, Computed, Encoder, Haar, Plan, RowEstimator};
-use super::effort::{Effort, bounce_block, receiver_block};
-use super::form_factors::Patches;
-use super::low_rank::LowRankSettings;
-use super::paper_rows::{ClusterBounds, PaperRows};
-use super::photons::PhotonSource;
-use super::prior::LightPrior;
-use super::rows::{RowSettings, RowSource};
-use super::training::Training;
-use super::{
-    Buffer, Encoding, ImageLayout, Multibounce, Occluders, Operator, Quality, Report, RowMethod, Selection,
-    Settings, Timings, Transfer, blocks, gathering_pixels,
-};
-use crate::Result;
+use super::block_file::{BlockFile, BlocksOf, Shard};
+use super::compute::Finished;
+use super::shot::Shot;
+use super::{Buffer, Occluders, Quality, Report, Settings, Timings, Transfer, gathering_pixels};
 use crate::progress::Progress;
-use crate::sample::{CellMap, CloudSettings, GatherCloud, QUAD, Receivers, ViewHits, ViewSamples};
+use crate::sample::{Receivers, ViewHits, ViewSamples};
 use crate::scene::{Camera, Geometry, Scene};
-use crate::trace::{Accel, Hit};
-
-/// Rays that tell who sees what where no receivers are shared.
-const SIGHT_RAYS: usize = 20_000_000;
-/// Lights of other kinds than are learned from, by which encodings are judged as well.
-const OTHER_LIGHTS: usize = 24;
-/// Opening threshold of the paper's cluster cut, squared size over squared distance.
-const PAPER_THRESHOLD: f32 = 0.01;
-/// Coefficients a row of the paper's multi-bounce matrix, as a share of the final gather's: 40 of 100.
-const PAPER_BOUNCE_SHARE: f64 = 0.4;
+use crate::trace::Accel;
+use crate::{Error, Result};
 
 /// A preparation that is about to run: the scene and how to prepare it.
 #[derive(Clone, Debug)]
@@ -41,12 +23,20 @@ pub struct Preparation<'a> {
     scene: &'a Scene,
     name: String,
     settings: Settings,
+    own_blocks: Option<PathBuf>,
+    finished_blocks: Vec<PathBuf>,
 }
 
 impl<'a> Preparation<'a> {
     /// Prepares `scene` with the default settings, unless told otherwise.
     pub fn new(scene: &'a Scene) -> Self {
-        Self { scene, name: String::new(), settings: Settings::default() }
+        Self {
+            scene,
+            name: String::new(),
+            settings: Settings::default(),
+            own_blocks: None,
+            finished_blocks: Vec::new(),
+        }
     }
 
     /// The name to keep in the report, as the file's.
@@ -84,15 +74,91 @@ impl<'a> Preparation<'a> {
         self
     }
 
+    /// Keeps finished blocks in this file, and begins with those that it holds of the same preparation already, left by one that was interrupted:
+    /// the transfer is the same, bit for bit. Who has saved the transfer may remove the file.
+    #[must_use]
+    pub fn keep_blocks(mut self, path: impl Into<PathBuf>) -> Self {
+        self.own_blocks = Some(path.into());
+        self
+    }
+
+    /// Takes blocks also from these files, which other runs of the same preparation have left.
+    #[must_use]
+    pub fn finished_blocks(mut self, paths: impl IntoIterator<Item = PathBuf>) -> Self {
+        self.finished_blocks.extend(paths);
+        self
+    }
+
     /// Does it, on the current rayon thread pool. The result does not depend on the number of threads.
     ///
     /// # Errors
-    /// [`crate::Error::Setting`] for settings out of range and scenes with nothing to relight; [`crate::Error::Cancelled`].
+    /// [`Error::Setting`] for settings out of range and scenes with nothing to relight; [`Error::Cancelled`].
     pub fn run(self, progress: &dyn Progress) -> Result<Transfer> {
+        self.run_with(false, progress)
+    }
+
+    /// Puts the blocks of all shards together, computing none: what [`Self::run`] returns, bit for bit.
+    ///
+    /// # Errors
+    /// As of [`Self::run`]; [`Error::Setting`] where a block is in none of the files.
+    pub fn merge(self, progress: &dyn Progress) -> Result<Transfer> {
+        self.run_with(true, progress)
+    }
+
+    fn run_with(self, complete: bool, progress: &dyn Progress) -> Result<Transfer> {
         let camera = self.settings.check(self.scene)?;
         let stages = Stages::new(progress);
         let looked = Looked::new(self.scene, camera, self.settings.size, &stages)?;
-        self.transfer(&self.settings, looked, stages)
+        let files = self.files(&looked, None, progress)?;
+        self.transfer(&self.settings, looked, files.finished(complete), stages)
+    }
+
+    /// Computes the blocks of one shard and keeps them in the file of [`Self::keep_blocks`]: [`Self::merge`] makes one transfer of all shards'. The
+    /// bounces, which the final gather needs to know, are computed by each shard but for those that are there; with `bounces_only` each computes
+    /// its own and leaves it at that. Returns how many blocks are the shard's.
+    ///
+    /// # Errors
+    /// As of [`Self::run`]; [`Error::Setting`] for a shard that is none, and without a file.
+    pub fn run_shard(self, shard: Shard, bounces_only: bool, progress: &dyn Progress) -> Result<usize> {
+        let camera = self.settings.check(self.scene)?;
+        if !(1..=shard.of).contains(&shard.number) {
+            return Err(Error::Setting(format!(
+                "shard {} of {}: shards are numbered from 1",
+                shard.number, shard.of
+            )));
+        }
+        if self.own_blocks.is_none() {
+            return Err(Error::Setting("a shard needs a file to keep its blocks in".to_owned()));
+        }
+        let looked = Looked::new(self.scene, camera, self.settings.size, progress)?;
+        let files = self.files(&looked, Some(shard), progress)?;
+        let (geometry, accel) = looked.opaque();
+        let (settings, finished) = (&self.settings, files.finished(false));
+        let shot = Shot { scene: self.scene, geometry, accel, settings, finished };
+        let (receivers, cloud, map) = shot.samples(camera, &looked.view, &looked.hits, progress)?;
+        shot.share(&receivers, (&cloud, &map), (shard, bounces_only), progress)
+    }
+
+    /// Opens the files of finished blocks.
+    fn files(&self, looked: &Looked<'_>, shard: Option<Shard>, progress: &dyn Progress) -> Result<Files> {
+        if self.own_blocks.is_none() && self.finished_blocks.is_empty() {
+            return Ok(Files::default());
+        }
+        let hash = scene_hash(self.scene, &looked.geometry, looked.camera);
+        let of = BlocksOf::new(self.settings.clone(), hash);
+        let own = self.own_blocks.as_ref().map(|path| BlockFile::resume(path, &of, shard)).transpose()?;
+        if let Some(own) = own.as_ref().filter(|own| own.len() > 0) {
+            progress.notice(&format!("{} holds {} blocks already", own.path().display(), own.len()));
+        }
+        let others = self.finished_blocks.iter().map(|path| BlockFile::open(path, &of));
+        let others: Vec<BlockFile> = others.collect::<Result<_>>()?;
+        for cut in others.iter().filter(|file| file.is_cut()) {
+            progress.notice(&format!(
+                "{} was cut off, or is being written: its whole blocks are taken",
+                cut.path().display()
+            ));
+        }
+        Ok(Files { own, others })
     }
 
     /// Does it in steps: a coarse transfer within seconds, a better one, and in the end what [`Self::run`] returns, bit for bit. `show` is given
@@ -108,22 +174,28 @@ impl<'a> Preparation<'a> {
         let camera = self.settings.check(self.scene)?;
         let stages = Stages::new(progress);
         let looked = Looked::new(self.scene, camera, self.settings.size, &stages)?;
+        let files = self.files(&looked, None, progress)?;
         for settings in self.settings.coarser() {
-            show(self.transfer(&settings, looked.clone(), Stages::new(progress))?)?;
+            let stages = Stages::new(progress);
+            show(self.transfer(&settings, looked.clone(), Finished::default(), stages)?)?;
         }
-        self.transfer(&self.settings, looked, stages)
+        self.transfer(&self.settings, looked, files.finished(false), stages)
     }
 
-    fn transfer(&self, settings: &Settings, looked: Looked<'_>, stages: Stages<'_>) -> Result<Transfer> {
-        let Looked { camera, geometry, all, opaque, view, hits } = looked;
-        let (geometry, all) = (&*geometry, &*all);
-        let opaque = opaque.as_deref();
-        let (accel, surfaces) = opaque.map_or((all, geometry), |(accel, geometry)| (accel, geometry));
-        let shot = Shot { scene: self.scene, geometry: surfaces, accel, settings };
-        let (receivers, cloud, map) = shot.samples(camera, &view, &hits, &stages)?;
+    fn transfer(
+        &self,
+        settings: &Settings,
+        looked: Looked<'_>,
+        finished: Finished<'_>,
+        stages: Stages<'_>,
+    ) -> Result<Transfer> {
+        let (opaque, accel) = looked.opaque();
+        let shot = Shot { scene: self.scene, geometry: opaque, accel, settings, finished };
+        let Looked { camera, geometry, view, hits, .. } = &looked;
+        let (receivers, cloud, map) = shot.samples(camera, view, hits, &stages)?;
         let (gather, bounce, owners) = shot.operators(&receivers, &cloud, &map, &stages)?;
         let of_centers = [&receivers.of_centers[..], &receivers.of_center_branches[..]];
-        let lit = gathering_pixels(&view, of_centers).max(1) as f64;
+        let lit = gathering_pixels(view, of_centers).max(1) as f64;
         let rows = row_numbers(&owners);
         let materials = &self.scene.materials;
         let report = Report {
@@ -144,11 +216,11 @@ impl<'a> Preparation<'a> {
             glossy_error: gather.glossy.as_ref().map(|glossy| glossy.expected_error),
             bounce_error: bounce.operator.expected_error,
         };
-        let occluders = Occluders::new(surfaces, accel.masks());
+        let occluders = Occluders::new(opaque, accel.masks());
         Ok(Transfer {
             report,
             timings: stages.finish(),
-            view,
+            view: looked.view,
             cloud,
             gather: gather.operator,
             glossy: gather.glossy,
@@ -183,6 +255,27 @@ impl<'a> Looked<'a> {
             geometry.without_clear().map(|geometry| Arc::new((Accel::new(scene, &geometry), geometry)));
         let (view, hits) = ViewSamples::new(scene, &geometry, &all, camera, size, progress)?;
         Ok(Self { camera, geometry: geometry.into(), all: all.into(), opaque, view, hits })
+    }
+
+    /// The surfaces that light meets, and how rays meet them.
+    fn opaque(&self) -> (&Geometry, &Accel) {
+        match self.opaque.as_deref() {
+            Some((accel, geometry)) => (geometry, accel),
+            None => (&self.geometry, &self.all),
+        }
+    }
+}
+
+/// Opened files of finished blocks.
+#[derive(Default)]
+struct Files {
+    own: Option<BlockFile>,
+    others: Vec<BlockFile>,
+}
+
+impl Files {
+    fn finished(&self, complete: bool) -> Finished<'_> {
+        Finished { own: self.own.as_ref(), others: &self.others, complete }
     }
 }
 
@@ -226,185 +319,6 @@ impl Progress for Stages<'_> {
         self.progress.cancelled()
     }
 }
-
-/// What all stages read.
-struct Shot<'a> {
-    scene: &'a Scene,
-    geometry: &'a Geometry,
-    accel: &'a Accel,
-    settings: &'a Settings,
-}
-
-impl Shot<'_> {
-    fn samples(
-        &self,
-        camera: &Camera,
-        view: &ViewSamples,
-        hits: &ViewHits,
-        progress: &dyn Progress,
-    ) -> Result<(Receivers, GatherCloud, CellMap)> {
-        let (width, height) = self.settings.size;
-        let receivers = Receivers::new(view, camera, self.settings.glossy, self.settings.sharing, progress)?;
-        let look = |pixel: usize, offset: Vec2| {
-            let (x, y) = ((pixel % width) as f32 + offset.x, (pixel / width) as f32 + offset.y);
-            camera.direction(x, y, width, height)
-        };
-        let centers =
-            hits.centers.iter().enumerate().map(|(pixel, &hit)| (hit, look(pixel, Vec2::splat(0.5))));
-        let further = receivers.further.iter().map(|&quad| quad as usize);
-        let further = further.map(|quad| (hits.quads[quad], look(quad / 4, QUAD[quad % 4])));
-        let branches = receivers.further_branches.iter().map(|&branch| hits.quad_branches[branch as usize]);
-        let branches = hits.center_branches.iter().copied().chain(branches);
-        // clear surfaces are not there for the light that is gathered
-        let opaque = self.geometry.triangles.len();
-        let is_opaque = |(hit, _): &(Hit, Vec3)| !hit.is_hit() || (hit.triangle as usize) < opaque;
-        let seen: Vec<_> = centers.chain(further).chain(branches).filter(is_opaque).collect();
-        let Settings { gather: count, cloud: method, sky, seed, sharing, .. } = *self.settings;
-        let settings = CloudSettings { count, method, sky, rays: SIGHT_RAYS / sharing, seed };
-        let (cloud, map) =
-            GatherCloud::new(self.scene, self.geometry, self.accel, &seen, &settings, progress)?;
-        Ok((receivers, cloud, map))
-    }
-
-    fn operators(
-        &self,
-        receivers: &Receivers,
-        cloud: &GatherCloud,
-        map: &CellMap,
-        progress: &dyn Progress,
-    ) -> Result<(Computed, Computed, Vec<u32>)> {
-        let rows = Rows {
-            shot: self,
-            cloud,
-            map,
-            patches: &Patches::new(cloud, map),
-            bounds: &ClusterBounds::new(cloud),
-            effort: self.settings.quality.effort(),
-        };
-        let lights = self.training(cloud, rows.effort.training_lights, progress)?;
-        let prior = self.prior(cloud, &lights, None, progress)?;
-        let bounce = rows.bounces(prior, progress)?;
-        let times = self.settings.multibounce.times_to_learn();
-        let prior = self.prior(cloud, &lights, Some((&bounce.operator, times)), progress)?;
-        drop(lights);
-        let (gather, owners) = rows.final_gather(receivers, prior, progress)?;
-        Ok((gather, bounce, owners))
-    }
-
-    /// Whether something is learned from random lights: what light is likely, or at least, which of it goes together.
-    fn learns(&self) -> bool {
-        self.settings.encoding == Encoding::LowRank || self.settings.selection() == Selection::Prior
-    }
-
-    /// Light on the cloud to learn from; none where nothing is learned.
-    fn training(&self, cloud: &GatherCloud, count: usize, progress: &dyn Progress) -> Result<Training> {
-        if !self.learns() {
-            return Ok(Training::default());
-        }
-        Training::new(cloud, self.accel, (count, OTHER_LIGHTS), self.settings.seed, progress)
-    }
-
-    fn prior(
-        &self,
-        cloud: &GatherCloud,
-        lights: &Training,
-        bounce: Option<(&Operator, u32)>,
-        progress: &dyn Progress,
-    ) -> Result<Option<LightPrior>> {
-        if !self.learns() {
-            return Ok(None);
-        }
-        progress.stage("light prior", (lights.alike.len() + lights.others.len()) as u64);
-        LightPrior::new(cloud, lights, self.settings.selection(), bounce, progress).map(Some)
-    }
-}
-
-/// What rows are made of.
-struct Rows<'a> {
-    shot: &'a Shot<'a>,
-    cloud: &'a GatherCloud,
-    map: &'a CellMap,
-    patches: &'a Patches,
-    bounds: &'a ClusterBounds,
-    effort: Effort,
-}
-
-impl Rows<'_> {
-    fn estimator(&self, settings: RowSettings) -> RowEstimator<'_> {
-        let Shot { accel, geometry, .. } = *self.shot;
-        match self.shot.settings.rows {
-            RowMethod::Balanced => RowEstimator::Balanced(RowSource {
-                accel,
-                geometry,
-                map: self.map,
-                patches: self.patches,
-                settings,
-            }),
-            RowMethod::Paper => RowEstimator::Paper(PaperRows {
-                accel,
-                cloud: self.cloud,
-                bounds: self.bounds,
-                threshold: PAPER_THRESHOLD,
-            }),
-        }
-    }
-
-    fn bounces(&self, prior: Option<LightPrior>, progress: &dyn Progress) -> Result<Computed> {
-        let (settings, count) = (self.shot.settings, self.patches.len());
-        let per_row = (settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
-        let length = bounce_block(count);
-        let store =
-            Store::new(settings, self.effort.bounce_encoding.of_blocks(length), prior, per_row, count);
-        let rows = blocks::of_cloud(self.cloud, length, settings.seed);
-        let layout = ImageLayout::of_cloud(count, rows.points.len());
-        let compute = |estimator| {
-            progress.stage("bounces", rows.points.len() as u64);
-            let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: false, count };
-            compute::compute(plan, &rows, progress)
-        };
-        match settings.multibounce {
-            Multibounce::Iterated => compute(self.estimator(self.effort.bounce_rows)),
-            Multibounce::Photon => {
-                let source = self.photons();
-                let photons = source.shoot(progress)?;
-                let computed = compute(RowEstimator::Photons(&photons))?;
-                Ok(Computed { rays: computed.rays + photons.rays(), ..computed })
-            }
-        }
-    }
-
-    fn photons(&self) -> PhotonSource<'_> {
-        let Shot { accel, geometry, .. } = *self.shot;
-        let Settings { photons: settings, seed, .. } = *self.shot.settings;
-        PhotonSource { accel, geometry, map: self.map, cloud: self.cloud, settings, seed }
-    }
-
-    /// Also returns the receivers to which the rows belong.
-    fn final_gather(
-        &self,
-        receivers: &Receivers,
-        prior: Option<LightPrior>,
-        progress: &dyn Progress,
-    ) -> Result<(Computed, Vec<u32>)> {
-        let (settings, count) = (self.shot.settings, self.patches.len());
-        let (width, height) = settings.size;
-        let length = receiver_block(width * height / settings.sharing);
-        let encoding = self.effort.gather_encoding.of_blocks(length);
-        let mut store = Store::new(settings, encoding, prior, settings.coefficients, count);
-        let rows = blocks::of_receivers(&receivers.points, length, settings.seed, progress)?;
-        let layout = ImageLayout::of_receivers(width, receivers, &rows.owners);
-        let estimator = self.estimator(self.effort.gather_rows_of(length));
-        if let Some(error) = settings.error {
-            let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: false, count };
-            let price = budget::price_for(plan, &rows, f64::from(error), progress)?;
-            store.multiply_price(price);
-        }
-        progress.stage("final gather", rows.points.len() as u64);
-        let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: settings.glossy, count };
-        Ok((compute::compute(plan, &rows, progress)?, rows.owners))
-    }
-}
-
 /// From receivers to the rows of which they are the `owners`.
 fn row_numbers(owners: &[u32]) -> impl Fn(&[u32]) -> Buffer<u32> {
     let mut rows = vec![Receivers::NONE; owners.len()];
@@ -419,52 +333,6 @@ fn row_numbers(owners: &[u32]) -> impl Fn(&[u32]) -> Buffer<u32> {
         receivers.iter().map(row).collect::<Vec<_>>().into()
     }
 }
-
-/// How one operator is stored, with what was learned for it.
-enum Store {
-    LowRank { settings: LowRankSettings, prior: LightPrior },
-    Haar { per_row: usize, weights: Vec<f32>, as_images: bool },
-}
-
-impl Store {
-    /// `prior` is there wherever something is learned.
-    fn new(
-        settings: &Settings,
-        low_rank: LowRankSettings,
-        prior: Option<LightPrior>,
-        per_row: usize,
-        count: usize,
-    ) -> Self {
-        match (settings.encoding, prior) {
-            (Encoding::LowRank, Some(prior)) => Self::LowRank { settings: low_rank, prior },
-            (encoding, prior) => Self::Haar {
-                per_row,
-                weights: match prior {
-                    Some(prior) => prior.magnitudes,
-                    None => settings.selection().unlearned(count).unwrap_or_else(|| vec![1.0; count]),
-                },
-                as_images: encoding == Encoding::HaarBlocks,
-            },
-        }
-    }
-
-    /// Where bytes have a price.
-    fn multiply_price(&mut self, by: f32) {
-        if let Self::LowRank { settings, .. } = self {
-            settings.price *= by;
-        }
-    }
-
-    fn encoder<'a>(&'a self, layout: &'a ImageLayout) -> Encoder<'a> {
-        match self {
-            Self::LowRank { settings, prior } => Encoder::LowRank { settings: *settings, prior },
-            Self::Haar { per_row, weights, as_images } => {
-                Encoder::Haar(Haar { per_row: *per_row, weights, layout: as_images.then_some(layout) })
-            }
-        }
-    }
-}
-
 /// A hash of what a preparation reads of the scene.
 fn scene_hash(scene: &Scene, geometry: &Geometry, camera: &Camera) -> String {
     let mut hash = Xxh3::new();

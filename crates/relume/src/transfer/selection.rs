@@ -32,7 +32,7 @@ impl Selection {
 }
 
 /// Some rows cut to the same number of coefficients each.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct KeptRows {
     /// Coefficients a row.
     pub(super) per_row: usize,
@@ -78,6 +78,15 @@ impl KeptRows {
             values: vec![0.0; rows * per_row],
             energies: vec![0.0; rows],
         }
+    }
+
+    /// Whether its parts are those of so many rows over `count` coefficients.
+    pub(super) fn is_sound(&self, rows: usize, count: usize) -> bool {
+        let values = rows.checked_mul(self.per_row);
+        self.energies.len() == rows
+            && values == Some(self.indices.len())
+            && values == Some(self.values.len())
+            && self.indices.iter().all(|&index| (index as usize) < count)
     }
 
     /// Row by row: which coefficients, their values, and the squared norm of the whole row.

@@ -1,0 +1,77 @@
+//! `relume merge`: from the blocks of several machines to one cache.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::Args;
+use relume::transfer::BlocksOf;
+use relume::{Error, Preparation, Result};
+
+use super::prepare::{BLOCKS, Saved};
+use crate::arguments::Threads;
+use crate::console::Console;
+use crate::interrupt;
+use crate::output::{check_output, ending};
+use crate::scene_file;
+
+/// Make one cache of the parts that `relume prepare --shard` has left: the same bytes as of one run.
+///
+/// The settings are those of the parts. What is quick is done again: reading the scene, what the camera sees, gather samples, training lights.
+#[derive(Args)]
+#[command(after_help = EXAMPLE)]
+pub(crate) struct Arguments {
+    /// The scene that was prepared.
+    scene: PathBuf,
+    /// The blocks of all shards.
+    #[arg(value_name = "BLOCKS", required = true)]
+    blocks: Vec<PathBuf>,
+    /// The cache to write.
+    #[arg(short, long, value_name = "CACHE.relume")]
+    output: PathBuf,
+    #[command(flatten)]
+    threads: Threads,
+    /// Print one JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+const EXAMPLE: &str = "\
+Example, both parts on machines of their own:
+  relume prepare assets/arcade.glb -o arcade.relume --shard 1/2
+  relume prepare assets/arcade.glb -o arcade.relume --shard 2/2
+  relume merge assets/arcade.glb arcade.1-of-2.relume-blocks arcade.2-of-2.relume-blocks -o arcade.relume";
+
+pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
+    let began = Instant::now();
+    check_output(&arguments.output, "the name of a cache", &["relume"], &[&arguments.scene])?;
+    for path in &arguments.blocks {
+        if ending(path).as_deref() != Some(BLOCKS) {
+            return Err(Error::file(
+                path,
+                format!(
+                    "a file of blocks ends in .{BLOCKS}; name those that `relume prepare --shard` has left"
+                ),
+            ));
+        }
+    }
+    // clap has seen to it that there is one
+    let Some(first) = arguments.blocks.first() else { return Ok(()) };
+    let (of, _) = BlocksOf::read(first)?;
+    interrupt::listen()?;
+    arguments.threads.start()?;
+    let imported = scene_file::read(&arguments.scene, console)?;
+    let read = began.elapsed().as_secs_f64();
+    let transfer = Preparation::new(&imported.scene)
+        .name(scene_file::name(&arguments.scene))
+        .settings(of.settings)
+        .finished_blocks(arguments.blocks.iter().cloned())
+        .merge(&console.progress())?;
+    let saved = Saved {
+        scene: &arguments.scene,
+        cache: &arguments.output,
+        began,
+        read,
+        warnings: &imported.warnings,
+    };
+    saved.save(&transfer, arguments.json, console)
+}

@@ -1,0 +1,299 @@
+//! The stages of a preparation: samples, what is learned of light, and the operators.
+
+use glam::{Vec2, Vec3};
+
+use super::block_file::{Part, Shard};
+use super::blocks::{self, Blocks};
+use super::budget;
+use super::compute::{self, Computed, Encoder, Finished, Haar, Plan, RowEstimator};
+use super::effort::{Effort, bounce_block, receiver_block};
+use super::form_factors::Patches;
+use super::low_rank::LowRankSettings;
+use super::paper_rows::{ClusterBounds, PaperRows};
+use super::photons::PhotonSource;
+use super::prior::LightPrior;
+use super::rows::{RowSettings, RowSource};
+use super::training::Training;
+use super::{Encoding, ImageLayout, Multibounce, Operator, RowMethod, Selection, Settings};
+use crate::Result;
+use crate::progress::Progress;
+use crate::sample::{CellMap, CloudSettings, GatherCloud, QUAD, Receivers, ViewHits, ViewSamples};
+use crate::scene::{Camera, Geometry, Scene};
+use crate::trace::{Accel, Hit};
+
+/// Rays that tell who sees what where no receivers are shared.
+const SIGHT_RAYS: usize = 20_000_000;
+/// Lights of other kinds than are learned from, by which encodings are judged as well.
+const OTHER_LIGHTS: usize = 24;
+/// Opening threshold of the paper's cluster cut, squared size over squared distance.
+const PAPER_THRESHOLD: f32 = 0.01;
+/// Coefficients a row of the paper's multi-bounce matrix, as a share of the final gather's: 40 of 100.
+const PAPER_BOUNCE_SHARE: f64 = 0.4;
+
+/// What all stages read.
+pub(super) struct Shot<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) geometry: &'a Geometry,
+    pub(super) accel: &'a Accel,
+    pub(super) settings: &'a Settings,
+    /// Blocks that need not be computed.
+    pub(super) finished: Finished<'a>,
+}
+
+impl Shot<'_> {
+    pub(super) fn samples(
+        &self,
+        camera: &Camera,
+        view: &ViewSamples,
+        hits: &ViewHits,
+        progress: &dyn Progress,
+    ) -> Result<(Receivers, GatherCloud, CellMap)> {
+        let (width, height) = self.settings.size;
+        let receivers = Receivers::new(view, camera, self.settings.glossy, self.settings.sharing, progress)?;
+        let look = |pixel: usize, offset: Vec2| {
+            let (x, y) = ((pixel % width) as f32 + offset.x, (pixel / width) as f32 + offset.y);
+            camera.direction(x, y, width, height)
+        };
+        let centers =
+            hits.centers.iter().enumerate().map(|(pixel, &hit)| (hit, look(pixel, Vec2::splat(0.5))));
+        let further = receivers.further.iter().map(|&quad| quad as usize);
+        let further = further.map(|quad| (hits.quads[quad], look(quad / 4, QUAD[quad % 4])));
+        let branches = receivers.further_branches.iter().map(|&branch| hits.quad_branches[branch as usize]);
+        let branches = hits.center_branches.iter().copied().chain(branches);
+        // clear surfaces are not there for the light that is gathered
+        let opaque = self.geometry.triangles.len();
+        let is_opaque = |(hit, _): &(Hit, Vec3)| !hit.is_hit() || (hit.triangle as usize) < opaque;
+        let seen: Vec<_> = centers.chain(further).chain(branches).filter(is_opaque).collect();
+        let Settings { gather: count, cloud: method, sky, seed, sharing, .. } = *self.settings;
+        let settings = CloudSettings { count, method, sky, rays: SIGHT_RAYS / sharing, seed };
+        let (cloud, map) =
+            GatherCloud::new(self.scene, self.geometry, self.accel, &seen, &settings, progress)?;
+        Ok((receivers, cloud, map))
+    }
+
+    pub(super) fn operators(
+        &self,
+        receivers: &Receivers,
+        cloud: &GatherCloud,
+        map: &CellMap,
+        progress: &dyn Progress,
+    ) -> Result<(Computed, Computed, Vec<u32>)> {
+        let (patches, bounds) = (Patches::new(cloud, map), ClusterBounds::new(cloud));
+        let rows = self.rows(cloud, map, (&patches, &bounds));
+        let lights = self.training(cloud, rows.effort.training_lights, progress)?;
+        let prior = self.prior(cloud, &lights, None, progress)?;
+        let bounce = rows.all_bounces(prior, progress)?;
+        let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
+        drop(lights);
+        let (gather, owners) = rows.final_gather(receivers, prior, progress, |plan, blocks| {
+            progress.stage(Part::FinalGather.name(), blocks.points.len() as u64);
+            let gather = compute::compute(plan, (Part::FinalGather, blocks), self.finished, progress)?;
+            Ok((gather, blocks.owners.clone()))
+        })?;
+        Ok((gather, bounce, owners))
+    }
+
+    /// The blocks of a shard, kept in the file. Returns how many there are.
+    pub(super) fn share(
+        &self,
+        receivers: &Receivers,
+        (cloud, map): (&GatherCloud, &CellMap),
+        (shard, bounces_only): (Shard, bool),
+        progress: &dyn Progress,
+    ) -> Result<usize> {
+        let (patches, bounds) = (Patches::new(cloud, map), ClusterBounds::new(cloud));
+        let rows = self.rows(cloud, map, (&patches, &bounds));
+        let lights = self.training(cloud, rows.effort.training_lights, progress)?;
+        let prior = self.prior(cloud, &lights, None, progress)?;
+        let share = |part: Part| {
+            move |plan: Plan<'_>, blocks: &Blocks| {
+                compute::compute_share(plan, (part, blocks), self.finished, shard, progress)
+            }
+        };
+        if bounces_only {
+            return rows.bounces(prior, progress, |plan, blocks, _| share(Part::Bounces)(plan, blocks));
+        }
+        let bounce = rows.all_bounces(prior, progress)?;
+        let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
+        drop(lights);
+        rows.final_gather(receivers, prior, progress, share(Part::FinalGather))
+    }
+
+    fn rows<'b>(
+        &'b self,
+        cloud: &'b GatherCloud,
+        map: &'b CellMap,
+        (patches, bounds): (&'b Patches, &'b ClusterBounds),
+    ) -> Rows<'b> {
+        Rows { shot: self, cloud, map, patches, bounds, effort: self.settings.quality.effort() }
+    }
+
+    /// Whether something is learned from random lights: what light is likely, or at least, which of it goes together.
+    fn learns(&self) -> bool {
+        self.settings.encoding == Encoding::LowRank || self.settings.selection() == Selection::Prior
+    }
+
+    /// Light on the cloud to learn from; none where nothing is learned.
+    fn training(&self, cloud: &GatherCloud, count: usize, progress: &dyn Progress) -> Result<Training> {
+        if !self.learns() {
+            return Ok(Training::default());
+        }
+        Training::new(cloud, self.accel, (count, OTHER_LIGHTS), self.settings.seed, progress)
+    }
+
+    fn prior(
+        &self,
+        cloud: &GatherCloud,
+        lights: &Training,
+        bounce: Option<&Operator>,
+        progress: &dyn Progress,
+    ) -> Result<Option<LightPrior>> {
+        if !self.learns() {
+            return Ok(None);
+        }
+        let times = self.settings.multibounce.times_to_learn();
+        let bounce = bounce.map(|operator| (operator, times));
+        progress.stage("light prior", (lights.alike.len() + lights.others.len()) as u64);
+        LightPrior::new(cloud, lights, self.settings.selection(), bounce, progress).map(Some)
+    }
+}
+
+/// What rows are made of.
+struct Rows<'a> {
+    shot: &'a Shot<'a>,
+    cloud: &'a GatherCloud,
+    map: &'a CellMap,
+    patches: &'a Patches,
+    bounds: &'a ClusterBounds,
+    effort: Effort,
+}
+
+impl Rows<'_> {
+    fn estimator(&self, settings: RowSettings) -> RowEstimator<'_> {
+        let Shot { accel, geometry, .. } = *self.shot;
+        match self.shot.settings.rows {
+            RowMethod::Balanced => RowEstimator::Balanced(RowSource {
+                accel,
+                geometry,
+                map: self.map,
+                patches: self.patches,
+                settings,
+            }),
+            RowMethod::Paper => RowEstimator::Paper(PaperRows {
+                accel,
+                cloud: self.cloud,
+                bounds: self.bounds,
+                threshold: PAPER_THRESHOLD,
+            }),
+        }
+    }
+
+    /// The whole operator of the bounces.
+    fn all_bounces(&self, prior: Option<LightPrior>, progress: &dyn Progress) -> Result<Computed> {
+        self.bounces(prior, progress, |plan, blocks, rays| {
+            progress.stage(Part::Bounces.name(), blocks.points.len() as u64);
+            let finished = self.shot.finished;
+            let computed = compute::compute(plan, (Part::Bounces, blocks), finished, progress)?;
+            Ok(Computed { rays: computed.rays + rays, ..computed })
+        })
+    }
+
+    /// What `work` makes of the blocks of the bounces, being told of rays that were traced for them before.
+    fn bounces<T>(
+        &self,
+        prior: Option<LightPrior>,
+        progress: &dyn Progress,
+        work: impl FnOnce(Plan<'_>, &Blocks, u64) -> Result<T>,
+    ) -> Result<T> {
+        let (settings, count) = (self.shot.settings, self.patches.len());
+        let per_row = (settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
+        let length = bounce_block(count);
+        let store =
+            Store::new(settings, self.effort.bounce_encoding.of_blocks(length), prior, per_row, count);
+        let rows = blocks::of_cloud(self.cloud, length, settings.seed);
+        let layout = ImageLayout::of_cloud(count, rows.points.len());
+        let plan = |estimator| Plan { estimator, encoder: store.encoder(&layout), glossy: false, count };
+        match settings.multibounce {
+            Multibounce::Iterated => work(plan(self.estimator(self.effort.bounce_rows)), &rows, 0),
+            Multibounce::Photon => {
+                let source = self.photons();
+                let photons = source.shoot(progress)?;
+                work(plan(RowEstimator::Photons(&photons)), &rows, photons.rays())
+            }
+        }
+    }
+
+    fn photons(&self) -> PhotonSource<'_> {
+        let Shot { accel, geometry, .. } = *self.shot;
+        let Settings { photons: settings, seed, .. } = *self.shot.settings;
+        PhotonSource { accel, geometry, map: self.map, cloud: self.cloud, settings, seed }
+    }
+
+    /// What `work` makes of the blocks of the final gather.
+    fn final_gather<T>(
+        &self,
+        receivers: &Receivers,
+        prior: Option<LightPrior>,
+        progress: &dyn Progress,
+        work: impl FnOnce(Plan<'_>, &Blocks) -> Result<T>,
+    ) -> Result<T> {
+        let (settings, count) = (self.shot.settings, self.patches.len());
+        let (width, height) = settings.size;
+        let length = receiver_block(width * height / settings.sharing);
+        let encoding = self.effort.gather_encoding.of_blocks(length);
+        let mut store = Store::new(settings, encoding, prior, settings.coefficients, count);
+        let rows = blocks::of_receivers(&receivers.points, length, settings.seed, progress)?;
+        let layout = ImageLayout::of_receivers(width, receivers, &rows.owners);
+        let estimator = self.estimator(self.effort.gather_rows_of(length));
+        if let Some(error) = settings.error {
+            let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: false, count };
+            let price = budget::price_for(plan, &rows, f64::from(error), progress)?;
+            store.multiply_price(price);
+        }
+        work(Plan { estimator, encoder: store.encoder(&layout), glossy: settings.glossy, count }, &rows)
+    }
+}
+/// How one operator is stored, with what was learned for it.
+enum Store {
+    LowRank { settings: LowRankSettings, prior: LightPrior },
+    Haar { per_row: usize, weights: Vec<f32>, as_images: bool },
+}
+
+impl Store {
+    /// `prior` is there wherever something is learned.
+    fn new(
+        settings: &Settings,
+        low_rank: LowRankSettings,
+        prior: Option<LightPrior>,
+        per_row: usize,
+        count: usize,
+    ) -> Self {
+        match (settings.encoding, prior) {
+            (Encoding::LowRank, Some(prior)) => Self::LowRank { settings: low_rank, prior },
+            (encoding, prior) => Self::Haar {
+                per_row,
+                weights: match prior {
+                    Some(prior) => prior.magnitudes,
+                    None => settings.selection().unlearned(count).unwrap_or_else(|| vec![1.0; count]),
+                },
+                as_images: encoding == Encoding::HaarBlocks,
+            },
+        }
+    }
+
+    /// Where bytes have a price.
+    fn multiply_price(&mut self, by: f32) {
+        if let Self::LowRank { settings, .. } = self {
+            settings.price *= by;
+        }
+    }
+
+    fn encoder<'a>(&'a self, layout: &'a ImageLayout) -> Encoder<'a> {
+        match self {
+            Self::LowRank { settings, prior } => Encoder::LowRank { settings: *settings, prior },
+            Self::Haar { per_row, weights, as_images } => {
+                Encoder::Haar(Haar { per_row: *per_row, weights, layout: as_images.then_some(layout) })
+            }
+        }
+    }
+}

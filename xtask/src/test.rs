@@ -1,6 +1,7 @@
 //! `cargo xtask test`: says what the tests find on this machine, then runs them all.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use anyhow::{Context, Result, bail};
 
@@ -59,6 +60,20 @@ fn told_of_scenes(folder: Option<&Path>) -> String {
     lines.join("\n")
 }
 
+/// The states of the nodes of a Slurm, where one answers.
+fn slurm_nodes() -> Option<String> {
+    let nodes = Command::new("sinfo").args(["--noheader", "--format=%T"]).output().ok()?;
+    nodes.status.success().then(|| String::from_utf8_lossy(&nodes.stdout).trim().to_owned())
+}
+
+/// What there is of a Slurm, or the test that is skipped for want of one.
+fn told_of_slurm(nodes: Option<&str>) -> String {
+    match nodes {
+        Some(nodes) if ["idle", "mix"].iter().any(|up| nodes.contains(up)) => "found: a Slurm".to_owned(),
+        _ => "skipped: the_page_of_the_farm_runs_on_slurm, for want of a Slurm with a node".to_owned(),
+    }
+}
+
 /// Runs the tests of the whole workspace, or of the packages that `arguments` name; they go on to `cargo test`.
 pub(crate) fn run(arguments: &[String]) -> Result<()> {
     let mut tests = workspace::cargo();
@@ -70,6 +85,7 @@ pub(crate) fn run(arguments: &[String]) -> Result<()> {
     tests.args(arguments);
     let folder = shared_scenes();
     println!("{}", told_of_scenes(folder.as_deref()));
+    println!("{}", told_of_slurm(slurm_nodes().as_deref()));
     if let Some(folder) = folder {
         tests.env("RELUME_SCENES", folder);
     }
@@ -88,6 +104,14 @@ pub(crate) fn run(arguments: &[String]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn slurm_is_found_where_it_has_a_node() {
+        assert!(told_of_slurm(Some("idle")).starts_with("found: "));
+        for none in [None, Some(""), Some("down*")] {
+            assert!(told_of_slurm(none).starts_with("skipped: the_page_of_the_farm"), "{none:?}");
+        }
+    }
 
     #[test]
     fn what_is_there_and_what_is_skipped_for_want_of_what() {

@@ -3,6 +3,7 @@
 
 mod determinism;
 mod examples;
+mod farm;
 mod jobs;
 mod refusals;
 mod support;

@@ -14,7 +14,7 @@ fn arcade() -> Scene {
     relume_io::load_scene(path).unwrap().scene
 }
 
-/// Sixteen blocks of bounces, and some dozens of the final gather.
+/// Fifteen blocks of bounces, and some dozens of the final gather.
 fn settings() -> Settings {
     Settings { size: (80, 60), gather: 1024, quality: Quality::Draft, ..Settings::default() }
 }
@@ -60,7 +60,7 @@ fn an_interrupted_preparation_goes_on_to_the_same_bytes() {
     let scene = arcade();
     let folder = tempfile::tempdir().unwrap();
     let blocks = folder.path().join("blocks");
-    let preparation = || Preparation::new(&scene).settings(settings()).keep_blocks(&blocks);
+    let preparation = || Preparation::new(&scene).settings(settings()).checkpoint(&blocks);
     let expected = saved(&Preparation::new(&scene).settings(settings()).run(&()).unwrap());
     let mut before = 0;
     for stop_in in [("bounces", 200), ("final gather", 1000), ("final gather", 3000)] {
@@ -83,7 +83,7 @@ fn an_interrupted_preparation_goes_on_to_the_same_bytes() {
     // of other settings there is nothing
     let other = Settings { seed: 1, ..settings() };
     let other = || Preparation::new(&scene).settings(other.clone());
-    assert!(saved(&other().keep_blocks(&blocks).run(&()).unwrap()) == saved(&other().run(&()).unwrap()));
+    assert!(saved(&other().checkpoint(&blocks).run(&()).unwrap()) == saved(&other().run(&()).unwrap()));
 }
 
 fn files(folder: &Path, of: u32) -> Vec<PathBuf> {
@@ -109,7 +109,7 @@ fn shards_make_the_same_bytes_as_one_run() {
         let run = |number: u32, bounces_only: bool| {
             let own = &files[number as usize - 1];
             let others = files.iter().filter(|&file| file != own && file.exists()).cloned();
-            let preparation = preparation().keep_blocks(own).finished_blocks(others);
+            let preparation = preparation().checkpoint(own).finished_blocks(others);
             preparation.run_shard(Shard { number, of: 3 }, bounces_only, &()).unwrap()
         };
         let merged = || preparation().finished_blocks(files.iter().cloned()).merge(&());
@@ -142,17 +142,22 @@ fn shards_that_are_none_and_blocks_of_others_are_refused() {
     };
     let first = Shard { number: 1, of: 2 };
     for shard in [Shard { number: 0, of: 2 }, Shard { number: 3, of: 2 }, Shard { number: 0, of: 0 }] {
-        assert!(refused(shard, preparation().keep_blocks(&blocks)).contains("numbered from 1"));
+        assert!(refused(shard, preparation().checkpoint(&blocks)).contains("numbered from 1"));
     }
     assert!(refused(first, preparation()).contains("needs a file"));
     let court = court().scene;
     let settings = Settings { size: (16, 12), ..settings() };
-    Preparation::new(&court).settings(settings).keep_blocks(&other).run(&()).unwrap();
-    let with_other = preparation().keep_blocks(&blocks).finished_blocks([other.clone()]);
-    assert!(refused(first, with_other).contains("of another scene"));
-    assert!(!blocks.exists(), "nothing is left");
+    Preparation::new(&court).settings(settings).checkpoint(&other).run(&()).unwrap();
+    let merged = |file: &PathBuf| preparation().finished_blocks([file.clone()]).merge(&()).unwrap_err();
+    assert!(merged(&other).to_string().contains("of another scene"));
+    // what lies beside a shard and is of something else is left aside, and told
+    let listener = Listener { stop_in: Some(("bounces", 0)), ..Listener::default() };
+    let beside = preparation().checkpoint(&blocks).finished_blocks([other.clone()]);
+    assert!(matches!(beside.run_shard(first, false, &listener), Err(Error::Cancelled)));
+    let notices = listener.notices.into_inner().unwrap();
+    assert!(notices.len() == 1 && notices[0].starts_with("left aside: "), "{notices:?}");
     std::fs::write(&other, b"not at all").unwrap();
-    assert!(refused(first, preparation().keep_blocks(&other)).contains("no file of blocks"));
+    assert!(refused(first, preparation().checkpoint(&other)).contains("no file of blocks"));
     let gone = preparation().finished_blocks([folder.path().join("gone")]).merge(&()).unwrap_err();
     assert!(gone.to_string().contains("cannot read"), "{gone}");
 }

@@ -59,10 +59,10 @@ fn each_step_is_closer_and_the_last_is_what_was_asked_for() {
         );
     }
     let (first, second) = (errors(0), errors(1));
-    // measured 0.132 and 0.039, 0.022 and 0.007
+    // measured 0.105 and 0.031, 0.022 and 0.007
     assert!(first.0 < 0.2 && first.1 < 0.06, "{first:?}");
     assert!(second.0 < 0.04 && second.1 < 0.012, "{second:?}");
-    assert!(2 * steps[0].gather.rows <= steps[2].gather.rows, "rows are shared");
+    assert!(3 * steps[0].gather.rows < 2 * steps[2].gather.rows, "rows are shared");
     assert!(images[0].direct == images[2].direct, "direct light needs no step");
 }
 
@@ -98,7 +98,7 @@ fn a_preparation_beside_its_caller_tells_how_far_it_is_and_ends_where_it_is_aske
     let settings = Settings { size: (64, 48), gather: 1024, ..Settings::default() };
     let start = |settings: &Settings| {
         let settings = settings.clone();
-        Preparing::start(Arc::clone(&scene), |scene| Preparation::new(scene).settings(settings)).unwrap()
+        Preparing::start(Arc::clone(&scene), 1, |scene| Preparation::new(scene).settings(settings)).unwrap()
     };
     let preparing = start(&settings);
     assert!(preparing.current().is_none());
@@ -118,6 +118,18 @@ fn a_preparation_beside_its_caller_tells_how_far_it_is_and_ends_where_it_is_aske
     });
     let status = preparing.status();
     assert!(status.paused && !preparing.is_finished() && !status.stage.is_empty(), "{status:?}");
+    // whoever relights needs nothing of what rests
+    let (frame, done) = std::sync::mpsc::channel();
+    let at_rest = Arc::clone(&coarse);
+    std::thread::spawn(move || {
+        let layers = relight_afresh(&at_rest, &LightRig::default(), &RelightSettings::default());
+        frame.send(layers.direct.pixels.len())
+    });
+    assert_eq!(
+        done.recv_timeout(Duration::from_secs(60)),
+        Ok(64 * 48),
+        "no frame while the preparation rests"
+    );
     preparing.pause(false);
     let last = preparing.wait().unwrap();
     let built = court();

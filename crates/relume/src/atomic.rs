@@ -57,7 +57,8 @@ fn check_destination(path: &Path, folder: &Path) -> Result<()> {
     }
 }
 
-fn builder() -> tempfile::Builder<'static, 'static> {
+/// Makes hidden temporary files with the permissions of what they become.
+pub(crate) fn builder() -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".relume-").suffix(".tmp");
     #[cfg(unix)]

@@ -69,4 +69,4 @@ pub use glam;
 pub use progress::Progress;
 pub use relight::Relighter;
 pub use scene::{Camera, Emitter, Light, LightKind, LightRig, MaterialEdit, Scene};
-pub use transfer::{Preparation, Transfer};
+pub use transfer::{Preparation, Preparing, Transfer};

@@ -453,6 +453,9 @@ impl std::fmt::Display for CacheContents<'_> {
                 settings.seed
             ),
         );
+        if settings.sharing > 1 {
+            table.line("sharing", format!("up to {} receivers a row", settings.sharing));
+        }
         table.line("multibounce", multibounce(settings));
         if !self.emitters.is_empty() {
             table.line("emitters", quoted(&self.emitters));

@@ -1,10 +1,11 @@
 //! `relume merge`: from the blocks of several machines to one cache.
 
-use std::path::PathBuf;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
-use relume::transfer::BlocksOf;
+use relume::transfer::{BlocksOf, Shard};
 use relume::{Error, Preparation, Result};
 
 use super::prepare::{BLOCKS, Saved};
@@ -14,9 +15,9 @@ use crate::interrupt;
 use crate::output::{check_output, ending};
 use crate::scene_file;
 
-/// Make one cache of the parts that `relume prepare --shard` has left: the same bytes as of one run.
+/// Make one cache of the blocks that `relume prepare --shard` has left: the same bytes as of one run.
 ///
-/// The settings are those of the parts. What is quick is done again: reading the scene, what the camera sees, gather samples, training lights.
+/// The settings are those of the shards. What is quick is done again: reading the scene, what the camera sees, gather samples, training lights.
 #[derive(Args)]
 #[command(after_help = EXAMPLE)]
 pub(crate) struct Arguments {
@@ -36,7 +37,7 @@ pub(crate) struct Arguments {
 }
 
 const EXAMPLE: &str = "\
-Example, both parts on machines of their own:
+Example, both shards on machines of their own:
   relume prepare assets/arcade.glb -o arcade.relume --shard 1/2
   relume prepare assets/arcade.glb -o arcade.relume --shard 2/2
   relume merge assets/arcade.glb arcade.1-of-2.relume-blocks arcade.2-of-2.relume-blocks -o arcade.relume";
@@ -56,14 +57,16 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     }
     // clap has seen to it that there is one
     let Some(first) = arguments.blocks.first() else { return Ok(()) };
-    let (of, _) = BlocksOf::read(first)?;
+    let read = arguments.blocks.iter().map(|path| BlocksOf::read(path)).collect::<Result<Vec<_>>>()?;
+    check_all_there(first, read.iter().filter_map(|(_, shard)| *shard))?;
+    let settings = read.into_iter().next().map(|(of, _)| of.settings).unwrap_or_default();
     interrupt::listen()?;
     arguments.threads.start()?;
     let imported = scene_file::read(&arguments.scene, console)?;
     let read = began.elapsed().as_secs_f64();
     let transfer = Preparation::new(&imported.scene)
         .name(scene_file::name(&arguments.scene))
-        .settings(of.settings)
+        .settings(settings)
         .finished_blocks(arguments.blocks.iter().cloned())
         .merge(&console.progress())?;
     let saved = Saved {
@@ -74,4 +77,23 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         warnings: &imported.warnings,
     };
     saved.save(&transfer, arguments.json, console)
+}
+
+/// Refuses to begin where a shard is missing.
+fn check_all_there(first: &Path, shards: impl Iterator<Item = Shard> + Clone) -> Result<()> {
+    let Some(of) = shards.clone().map(|shard| shard.of).next() else { return Ok(()) };
+    if let Some(other) = shards.clone().find(|shard| shard.of != of) {
+        return Err(Error::file(
+            first,
+            format!("is one of {of} shards, and others are of {}; name those of one preparation", other.of),
+        ));
+    }
+    let there: BTreeSet<u32> = shards.map(|shard| shard.number).collect();
+    match (1..=of).find(|number| !there.contains(number)) {
+        None => Ok(()),
+        Some(missing) => Err(Error::file(
+            first,
+            format!("is one of {of} shards, of which number {missing} is missing; give those of all shards"),
+        )),
+    }
 }

@@ -51,10 +51,11 @@ pub(crate) struct Arguments {
     /// Write a coarse cache within seconds, to be relit at once, a better one, and in the end the one that was asked for, each in place of the last.
     #[arg(long, conflicts_with = "shard")]
     in_steps: bool,
-    /// Do one part of N of the work, for several machines to share it, and leave its blocks beside the cache, which `relume merge` makes of all parts.
+    /// Do shard I of N of the work, so that several machines share it. Its blocks are left beside the cache, and `relume merge` makes the cache
+    /// of those of all shards.
     #[arg(long, value_name = "I/N", value_parser = shard)]
     shard: Option<Shard>,
-    /// With --shard: do the part of the bounces alone, which comes first. Without, each part does all bounces that no other has left beside it.
+    /// With --shard: do the shard's bounces alone, as a first step. Without it, each shard does all bounces that lie beside it in no file.
     #[arg(long, requires = "shard")]
     bounces_only: bool,
     /// Keep no finished blocks while preparing, from which the same command would go on after an interruption.
@@ -261,7 +262,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     }
     let kept = cache.with_extension(BLOCKS);
     if !arguments.no_checkpoint {
-        preparation = preparation.keep_blocks(&kept);
+        preparation = preparation.checkpoint(&kept);
     }
     let prepared = if arguments.in_steps {
         let show = |transfer: Transfer| {
@@ -274,17 +275,24 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     } else {
         preparation.run(&console.progress())
     };
-    if !arguments.no_checkpoint && matches!(prepared, Err(Error::Cancelled)) && kept.exists() {
-        console
-            .notice(&format!("{} holds what is done: the same command goes on from there", kept.display()));
-    }
-    let transfer = prepared?;
     let saved = Saved { scene: &arguments.scene, cache: &cache, began, read, warnings: &imported.warnings };
-    saved.save(&transfer, arguments.json, console)?;
+    let saved = prepared.and_then(|transfer| saved.save(&transfer, arguments.json, console));
+    if saved.is_err() && !arguments.no_checkpoint {
+        tell_of_blocks(&kept, console);
+    }
+    saved?;
     if !arguments.no_checkpoint && kept.exists() {
         std::fs::remove_file(&kept).map_err(|error| Error::io(&kept, "remove", error))?;
     }
     Ok(())
+}
+
+/// Says what an unfinished job has left.
+fn tell_of_blocks(kept: &Path, console: &Console) {
+    if kept.exists() {
+        console
+            .notice(&format!("{} holds what is done: the same command goes on from there", kept.display()));
+    }
 }
 
 /// What is reported of a transfer beside itself.
@@ -362,8 +370,12 @@ fn blocks_of_shard(
     let own = of_shard(shard.number);
     let others = (1..=shard.of).filter(|&number| number != shard.number).map(of_shard);
     let others = others.filter(|path| path.exists());
-    let preparation = preparation.keep_blocks(&own).finished_blocks(others);
-    let blocks = preparation.run_shard(shard, arguments.bounces_only, &console.progress())?;
+    let preparation = preparation.checkpoint(&own).finished_blocks(others);
+    let blocks = preparation.run_shard(shard, arguments.bounces_only, &console.progress());
+    if blocks.is_err() {
+        tell_of_blocks(&own, console);
+    }
+    let blocks = blocks?;
     let figures = ShardFigures {
         scene: &arguments.scene,
         blocks_file: &own,
@@ -378,7 +390,7 @@ fn blocks_of_shard(
         return console.json(&figures);
     }
     let mut table = Table::new();
-    table.line("part", format!("{} of {}, {}", shard.number, shard.of, plural(blocks, "block", "blocks")));
+    table.line("shard", format!("{} of {}, {}", shard.number, shard.of, plural(blocks, "block", "blocks")));
     table.line("time", duration(figures.seconds));
     table.line("blocks", format!("{}, {}", own.display(), bytes(figures.file_bytes)));
     table.line("peak memory", figures.peak_rss_bytes.map_or("not known".to_owned(), bytes));

@@ -81,20 +81,24 @@ fn an_interrupted_preparation_goes_on() {
         assert_eq!(left, ["shot.relume-blocks"]);
     }
     let ran = work.succeed(&prepare("shot.relume"));
-    assert!(ran.stderr.contains("blocks already"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("finished blocks are there"), "{}", ran.stderr);
     assert!(!work.path("shot.relume-blocks").exists(), "done: nothing to go on from");
     work.succeed(&prepare("other.relume"));
     assert!(work.read("shot.relume") == work.read("other.relume"), "other bytes after an interruption");
 }
 
-/// Two parts by two commands, and the cache that is made of them.
+/// Two shards by two commands, at the same time, and the cache that is made of them.
 #[test]
-fn parts_of_the_work_are_merged() {
+fn shards_are_merged() {
     let work = Workplace::new();
     let prepare =
         |more: &[&'static str]| [&["prepare", "room.gltf", "-o", "shot.relume"][..], &SMALL, more].concat();
-    for part in ["1/2", "2/2"] {
-        work.succeed(&prepare(&["--shard", part, "--bounces-only"]));
+    let at_once = ["1/2", "2/2"].map(|part| {
+        let mut command = work.command(&prepare(&["--shard", part, "--bounces-only"]));
+        command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    });
+    for mut shard in at_once {
+        assert!(shard.wait().unwrap().success());
     }
     let merge = |files: &[&'static str]| [&["merge", "room.gltf", "-o", "shot.relume"][..], files].concat();
     let parts = ["shot.1-of-2.relume-blocks", "shot.2-of-2.relume-blocks"];
@@ -104,7 +108,7 @@ fn parts_of_the_work_are_merged() {
         assert!(told.stdout.contains(r#""number": "#), "{}", told.stdout);
     }
     assert!(!work.path("shot.relume").exists());
-    work.refused(&merge(&parts[..1]), 2, "give those of all shards");
+    work.refused(&merge(&parts[..1]), 2, "of which number 2 is missing; give those of all shards");
     work.succeed(&merge(&parts));
     let merged = work.read("shot.relume");
     work.succeed(&prepare(&[]));
@@ -142,6 +146,7 @@ fn a_cache_is_written_in_steps() {
         "4",
     ]);
     assert!(work.read("few.relume").len() < steps.len());
+    assert!(work.succeed(&["info", "few.relume"]).stdout.contains("up to 4 receivers a row"));
 }
 
 /// Asked to stop by nobody, the same kind of job ends well and leaves its file.

@@ -1,7 +1,8 @@
 //! Letting receivers that are alike share one, for a first look: one row then serves many pixels.
 //!
 //! Receivers are ordered as blocks of rows are (`tree.rs`), and those of a short run take their light from the first of them that faces as they
-//! do and lies in their plane. A run of floor has one row; one of leaves has more, and no more than an eighth of its points.
+//! do and lies in their plane, or rather from the one in the middle of those. A run of floor has one row; one of leaves has more: a sixteenth of
+//! its points, and two at least.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -15,8 +16,10 @@ const SAME_FACE: f32 = 0.8;
 const SAME_PLANE: f32 = 0.25;
 /// Farthest apart of their roughnesses.
 const SAME_LOBE: f32 = 0.15;
-/// Of a run whose points are all unlike each other so many, at most, share a row.
+/// Of a run whose points are all unlike each other about so many share a row.
 const UNLIKE: usize = 16;
+/// Rows that a run of unlike points may have in any case.
+const LEAST_UNLIKE: usize = 2;
 
 /// The receivers that are left, ascending, and for each of all which of these it takes its light from.
 pub(super) struct Shared {
@@ -30,11 +33,13 @@ fn is_like(point: &Receiver, head: &Receiver) -> bool {
         && point.shading_normal.dot(head.shading_normal) > SAME_FACE
         && apart.dot(head.geometric_normal).abs() <= SAME_PLANE * apart.length() + 1e-4
         && (point.gloss.roughness - head.gloss.roughness).abs() < SAME_LOBE
+        // the same place, seen straight and in a mirror, has two lobes
+        && point.gloss.view.dot(head.gloss.view) > SAME_FACE * point.gloss.view.length_squared()
 }
 
 /// Which of a run's receivers serve which: pairs of a receiver and its head.
 fn of_run(points: &[Receiver], run: &[u32]) -> Vec<(u32, u32)> {
-    let most = run.len().div_ceil(UNLIKE);
+    let most = run.len().div_ceil(UNLIKE).max(LEAST_UNLIKE);
     let mut groups: Vec<Vec<u32>> = Vec::new();
     for &number in run {
         let point = &points[number as usize];
@@ -100,7 +105,8 @@ mod tests {
     use crate::sample::Gloss;
 
     fn point(position: Vec3, normal: Vec3) -> Receiver {
-        Receiver { position, shading_normal: normal, geometric_normal: normal, gloss: Gloss::default() }
+        let gloss = Gloss { view: Vec3::ONE.normalize(), ..Gloss::default() };
+        Receiver { position, shading_normal: normal, geometric_normal: normal, gloss }
     }
 
     fn shared(points: &[Receiver], most: usize) -> Shared {
@@ -112,6 +118,7 @@ mod tests {
         let on_floor = |i: usize| point(Vec3::new((i % 16) as f32, 0.0, (i / 16) as f32) * 0.01, Vec3::Y);
         let on_wall = |i: usize| point(Vec3::new((i % 16) as f32, (i / 16) as f32, 0.0) * 0.01, Vec3::Z);
         let points: Vec<Receiver> = (0..256).map(on_floor).chain((0..256).map(on_wall)).collect();
+        assert!(shared(&points, 4).heads.len() >= 128);
         let Shared { heads, served_by } = shared(&points, 16);
         assert!((32..48).contains(&heads.len()), "{} rows for 512 points", heads.len());
         for (point, &head) in points.iter().zip(&served_by) {
@@ -125,14 +132,15 @@ mod tests {
     }
 
     #[test]
-    fn points_that_are_all_unlike_keep_an_eighth_of_their_rows() {
+    fn points_that_are_all_unlike_keep_some_of_their_rows() {
         let direction = |i: usize| {
             let (height, turn) = (1.0 - (2 * i + 1) as f32 / 64.0, i as f32 * 2.4);
             let across = (1.0 - height * height).sqrt();
             Vec3::new(across * turn.cos(), height, across * turn.sin())
         };
         let points: Vec<Receiver> = (0..64).map(|i| point(direction(i), direction(i))).collect();
-        assert_eq!(shared(&points, 64).heads.len(), 8);
+        assert_eq!(shared(&points, 64).heads.len(), 4);
+        assert_eq!(shared(&points, 8).heads.len(), 16);
         assert_eq!(shared(&points, 1).heads.len(), 64, "nothing is shared");
     }
 }

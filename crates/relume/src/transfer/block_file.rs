@@ -1,8 +1,8 @@
 //! Finished blocks in a file, so that an interrupted preparation goes on from there, and several machines share one.
 //!
 //! The file grows by a record whenever a block is done. What a kill leaves of a last record is cut off when work goes on. Blocks belong to one
-//! *preparation*: the program's version, the settings and the scene, which the file begins with. They are the same bytes whoever computes them,
-//! on the same kind of processor.
+//! *preparation*: the program's version, the kind of processor, the settings and the scene, which the file begins with. They are the same
+//! bytes whoever computes them.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -22,6 +22,7 @@ use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 
 use super::{FORMAT_VERSION, Settings};
+use crate::atomic::builder as temporary_file;
 use crate::{Error, Result};
 
 const MAGIC: &[u8; 8] = b"relumebl";
@@ -29,6 +30,8 @@ const PLACE: usize = 13;
 const RECORD: usize = PLACE + 8;
 /// Longest header that is believed.
 const LONGEST_HEADER: u64 = 1 << 20;
+/// Longest block that is believed: four times the rows of the largest one as they are.
+const LONGEST_BLOCK: u64 = 1 << 30;
 
 /// One of several machines, or runs, that share a preparation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,6 +54,8 @@ impl Shard {
 pub struct BlocksOf {
     program: String,
     format: u32,
+    /// What kernels were chosen by: others round differently.
+    processor: String,
     /// What is prepared.
     pub settings: Settings,
     /// Of which scene, as in [`super::Report::scene_hash`].
@@ -81,7 +86,13 @@ impl Part {
 
 impl BlocksOf {
     pub(super) fn new(settings: Settings, scene_hash: String) -> Self {
-        Self { program: env!("CARGO_PKG_VERSION").to_owned(), format: FORMAT_VERSION, settings, scene_hash }
+        Self {
+            program: env!("CARGO_PKG_VERSION").to_owned(),
+            format: FORMAT_VERSION,
+            processor: processor(),
+            settings,
+            scene_hash,
+        }
     }
 
     /// What the blocks of a file belong to, and whose share they are, if the work was shared.
@@ -89,12 +100,29 @@ impl BlocksOf {
     /// # Errors
     /// [`Error::File`] for other and for damaged files; [`Error::Io`].
     pub fn read(path: &Path) -> Result<(Self, Option<Shard>)> {
+        check_is_file(path)?;
         let mut file = File::open(path).map_err(|error| Error::io(path, "read", error))?;
         let (header, _) = header(&mut file)
             .map_err(|error| Error::io(path, "read", error))?
             .ok_or_else(|| no_blocks(path))?;
         Ok((header.of, header.shard))
     }
+}
+
+/// The instructions that kernels of this program and of its libraries ask for.
+fn processor() -> String {
+    #[cfg(target_arch = "x86_64")]
+    let found = [
+        ("sse4.1", std::arch::is_x86_feature_detected!("sse4.1")),
+        ("avx", std::arch::is_x86_feature_detected!("avx")),
+        ("avx2", std::arch::is_x86_feature_detected!("avx2")),
+        ("fma", std::arch::is_x86_feature_detected!("fma")),
+        ("avx512f", std::arch::is_x86_feature_detected!("avx512f")),
+    ];
+    #[cfg(not(target_arch = "x86_64"))]
+    let found: [(&str, bool); 0] = [];
+    let names = found.into_iter().filter(|&(_, there)| there).map(|(name, _)| name);
+    [std::env::consts::ARCH].into_iter().chain(names).collect::<Vec<_>>().join(" ")
 }
 
 fn no_blocks(path: &Path) -> Error {
@@ -148,7 +176,7 @@ fn place_of(part: Part, block: u32, length: u64) -> [u8; PLACE] {
     place
 }
 
-/// Where contents begin, and how long they are.
+/// Where records begin, and how long their contents are.
 type Places = HashMap<(Part, u32), (u64, u64)>;
 
 /// A file of blocks.
@@ -158,10 +186,12 @@ pub(super) struct BlockFile {
     places: Places,
     /// Whether bytes followed that are no whole record.
     cut: bool,
+    /// Whether blocks of other work are to be replaced.
+    replaces: bool,
 }
 
 struct Open {
-    /// None before the first record.
+    /// None before there is anything to keep.
     file: Option<File>,
     /// Where the next record goes.
     end: u64,
@@ -170,20 +200,37 @@ struct Open {
 }
 
 impl Open {
-    /// The file, made anew before the first record.
+    /// The file, made anew before there is anything to keep: with all that it begins with, so that nobody who reads it meanwhile finds half of that.
     fn file(&mut self, path: &Path) -> std::io::Result<&mut File> {
-        let mut file = match self.file.take() {
-            Some(file) => file,
-            None => {
-                let mut file =
-                    File::options().read(true).write(true).create(true).truncate(true).open(path)?;
-                file.write_all(&self.begin)?;
-                self.end = self.begin.len() as u64;
-                file
-            }
-        };
-        file.seek(SeekFrom::Start(self.end))?;
-        Ok(self.file.insert(file))
+        if self.file.is_none() {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+            let mut made = temporary_file().tempfile_in(folder.unwrap_or_else(|| Path::new(".")))?;
+            made.write_all(&self.begin)?;
+            lock(made.as_file())?;
+            let file = made.persist(path).map_err(|failure| failure.error)?;
+            self.end = self.begin.len() as u64;
+            self.file = Some(file);
+        }
+        self.file.as_mut().ok_or_else(|| std::io::Error::other("no file"))
+    }
+}
+
+/// Refuses a file that another run writes to.
+fn lock(file: &File) -> std::io::Result<()> {
+    match file.try_lock() {
+        Ok(()) => Ok(()),
+        Err(std::fs::TryLockError::WouldBlock) => Err(std::io::ErrorKind::ResourceBusy.into()),
+        // where the file system knows no locks, there are none
+        Err(std::fs::TryLockError::Error(error)) if error.kind() == std::io::ErrorKind::Unsupported => Ok(()),
+        Err(std::fs::TryLockError::Error(error)) => Err(error),
+    }
+}
+
+/// Refuses what is no file, such as a pipe, whose end never comes.
+fn check_is_file(path: &Path) -> Result<()> {
+    match path.metadata() {
+        Ok(metadata) if !metadata.is_file() => Err(Error::file(path, "is no regular file; name another one")),
+        _ => Ok(()),
     }
 }
 
@@ -191,10 +238,17 @@ impl BlockFile {
     /// A file that goes on from what it holds of the same work, and is made with the first block; blocks of other work are then replaced.
     ///
     /// # Errors
-    /// [`Error::File`] where another kind of file is; [`Error::Io`].
+    /// [`Error::File`] where another kind of file is, or another run writes to it; [`Error::Io`].
     pub(super) fn resume(path: &Path, of: &BlocksOf, shard: Option<Shard>) -> Result<Self> {
-        let refused = |error| Error::io(path, "write", error);
-        if path.exists() {
+        check_is_file(path)?;
+        let refused = |error: std::io::Error| match error.kind() {
+            std::io::ErrorKind::ResourceBusy => {
+                Error::file(path, "is being written by another run; wait for that one, or name another cache")
+            }
+            _ => Error::io(path, "write", error),
+        };
+        let replaces = path.exists();
+        if replaces {
             let mut file = File::options().read(true).write(true).open(path).map_err(refused)?;
             let mut begin = [0; 8];
             if !fills(&mut file, &mut begin).map_err(refused)? || begin != *MAGIC {
@@ -203,6 +257,7 @@ impl BlockFile {
                     "is there already and no file of blocks; take it away, or name another cache",
                 ));
             }
+            lock(&file).map_err(refused)?;
             file.rewind().map_err(refused)?;
             let found = header(&mut file).map_err(refused)?.filter(|(header, _)| header.of == *of);
             if let Some((_, end)) = found {
@@ -219,8 +274,8 @@ impl BlockFile {
         begin.extend((text.len() as u64).to_le_bytes());
         begin.extend(checksum(&[&text]).to_le_bytes());
         begin.extend(text);
-        let open = Open { file: None, end: 0, begin };
-        Ok(Self { path: path.to_owned(), open: Mutex::new(open), places: Places::new(), cut: false })
+        let open = Mutex::new(Open { file: None, end: 0, begin });
+        Ok(Self { path: path.to_owned(), open, places: Places::new(), cut: false, replaces })
     }
 
     /// Blocks that another run has left, to be read.
@@ -228,6 +283,7 @@ impl BlockFile {
     /// # Errors
     /// [`Error::File`] for files of other preparations; [`Error::Io`].
     pub(super) fn open(path: &Path, of: &BlocksOf) -> Result<Self> {
+        check_is_file(path)?;
         let refused = |error| Error::io(path, "read", error);
         let mut file = File::open(path).map_err(refused)?;
         let (found, end) = header(&mut file).map_err(refused)?.ok_or_else(|| no_blocks(path))?;
@@ -237,7 +293,7 @@ impl BlockFile {
         if found.of != *of {
             return Err(Error::file(
                 path,
-                "holds blocks of other settings, or by another version; name files of one preparation",
+                "holds blocks of other settings, by another version, or by another kind of processor; name files of one preparation",
             ));
         }
         Self::of_records(path, file, end).map_err(refused)
@@ -252,7 +308,7 @@ impl BlockFile {
         let mut content = Vec::new();
         while fills(&mut file, &mut record)? {
             let length = number(&record[5..PLACE]);
-            if length > size - end.min(size) {
+            if length > LONGEST_BLOCK || length > size - end.min(size) {
                 break;
             }
             content.resize(length as usize, 0);
@@ -262,11 +318,11 @@ impl BlockFile {
                 break;
             }
             let part = if record[0] == 1 { Part::FinalGather } else { Part::Bounces };
-            places.insert((part, number(&record[1..5]) as u32), (end + RECORD as u64, length));
+            places.insert((part, number(&record[1..5]) as u32), (end, length));
             end += RECORD as u64 + length;
         }
-        let open = Open { file: Some(file), end, begin: Vec::new() };
-        Ok(Self { path: path.to_owned(), open: Mutex::new(open), places, cut: end < size })
+        let open = Mutex::new(Open { file: Some(file), end, begin: Vec::new() });
+        Ok(Self { path: path.to_owned(), open, places, cut: end < size, replaces: false })
     }
 
     fn open_file(&self) -> MutexGuard<'_, Open> {
@@ -282,6 +338,20 @@ impl BlockFile {
         self.cut
     }
 
+    /// Whether blocks of other work are to be replaced.
+    pub(super) fn replaces(&self) -> bool {
+        self.replaces
+    }
+
+    /// Makes the file, with or without blocks.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(super) fn begin(&self) -> Result<()> {
+        let made = self.open_file().file(&self.path).map(drop);
+        made.map_err(|error| Error::io(&self.path, "write", error))
+    }
+
     /// How many blocks were there when it was opened.
     pub(super) fn len(&self) -> usize {
         self.places.len()
@@ -293,13 +363,16 @@ impl BlockFile {
     /// [`Error::Io`].
     pub(super) fn get(&self, part: Part, block: u32) -> Result<Option<Vec<u8>>> {
         let Some(&(begin, length)) = self.places.get(&(part, block)) else { return Ok(None) };
-        let mut content = vec![0; length as usize];
-        let mut open = self.open_file();
-        let read = open.file(&self.path).and_then(|file| {
-            file.seek(SeekFrom::Start(begin))?;
-            file.read_exact(&mut content)
-        });
+        let mut record = vec![0; RECORD + length as usize];
+        let read = match &mut self.open_file().file {
+            Some(file) => file.seek(SeekFrom::Start(begin)).and_then(|_| file.read_exact(&mut record)),
+            None => Err(std::io::ErrorKind::NotFound.into()),
+        };
         read.map_err(|error| Error::io(&self.path, "read", error))?;
+        let content = record.split_off(RECORD);
+        if number(&record[PLACE..]) != checksum(&[&record[..PLACE], &content]) {
+            return Err(Error::file(&self.path, "was altered while it was read; run the same command again"));
+        }
         Ok(Some(content))
     }
 
@@ -313,7 +386,13 @@ impl BlockFile {
         record.extend(checksum(&[&place, content]).to_le_bytes());
         record.extend(content);
         let mut open = self.open_file();
-        let written = open.file(&self.path).and_then(|file| file.write_all(&record));
+        // opened first: only then it is known where the next record goes
+        let written = open.file(&self.path).map(drop).and_then(|()| {
+            let end = open.end;
+            let file = open.file(&self.path)?;
+            file.seek(SeekFrom::Start(end))?;
+            file.write_all(&record)
+        });
         if let Err(error) = written {
             self.take_back(&mut open);
             return Err(Error::io(&self.path, "write", error));
@@ -326,7 +405,8 @@ impl BlockFile {
         // the job fails already: where this fails too, the next run cuts the rest off
         let _ = match &open.file {
             Some(file) if open.end > open.begin.len() as u64 => file.set_len(open.end),
-            _ => std::fs::remove_file(&self.path),
+            Some(_) => std::fs::remove_file(&self.path),
+            None => Ok(()),
         };
     }
 }
@@ -356,6 +436,7 @@ mod tests {
             assert_eq!((file.len(), file.is_cut()), (1, length > first));
             assert_eq!(file.get(Part::Bounces, 3).unwrap().unwrap(), b"three");
             file.put(Part::FinalGather, 4, b"four").unwrap();
+            drop(file);
             let again = BlockFile::open(&path, &of(0)).unwrap();
             assert_eq!((again.len(), again.is_cut()), (2, false));
             assert_eq!(again.get(Part::FinalGather, 4).unwrap().unwrap(), b"four");
@@ -380,12 +461,15 @@ mod tests {
         let file = BlockFile::resume(&path, &of(0), None).unwrap();
         assert!(!path.exists(), "no file before there is a block");
         file.put(Part::Bounces, 0, b"zero").unwrap();
+        let busy = BlockFile::resume(&path, &of(0), None).err().unwrap().to_string();
+        assert!(busy.contains("is being written by another run"), "{busy}");
+        drop(file);
         let refused = |of: &BlocksOf| BlockFile::open(&path, of).err().unwrap().to_string();
         assert!(refused(&of(1)).contains("of other settings"));
         assert!(refused(&BlocksOf { scene_hash: "another".to_owned(), ..of(0) }).contains("another scene"));
         assert_eq!(BlockFile::resume(&path, &of(0), None).unwrap().len(), 1);
         let anew = BlockFile::resume(&path, &of(1), None).unwrap();
-        assert_eq!(anew.len(), 0, "work of other settings begins anew");
+        assert!(anew.len() == 0 && anew.replaces(), "work of other settings begins anew");
         assert_eq!(BlockFile::open(&path, &of(0)).unwrap().len(), 1, "not before there is a block");
         anew.put(Part::Bounces, 0, b"zero").unwrap();
         assert!(refused(&of(0)).contains("of other settings"));

@@ -145,18 +145,29 @@ struct Done {
 }
 
 impl Done {
-    /// Whether its parts fit each other and a block of so many rows and columns.
-    fn is_sound(&self, rows: usize, count: usize) -> bool {
-        let sound = |block: &EncodedBlock| match block {
-            EncodedBlock::LowRank(blocks) => {
-                blocks.iter().map(|block| block.shape.rows as usize).sum::<usize>() == rows
-                    && blocks.iter().all(|block| block.is_sound(count))
+    /// Whether it is what `plan` would make of so many rows, as far as one can see.
+    fn is_sound(&self, plan: Plan<'_>, rows: usize) -> bool {
+        let sound = |block: &EncodedBlock| match (block, plan.encoder) {
+            (EncodedBlock::LowRank(blocks), Encoder::LowRank { prior, .. }) => {
+                let all =
+                    blocks.iter().try_fold(0_usize, |sum, block| sum.checked_add(block.shape.rows as usize));
+                all == Some(rows) && blocks.iter().all(|block| block.is_sound(plan.count, prior.held_lights))
             }
-            EncodedBlock::Haar(kept) => kept.is_sound(rows, count),
+            (EncodedBlock::Haar(kept), Encoder::Haar(haar)) => {
+                kept.per_row == haar.per_row.min(plan.count) && kept.is_sound(rows, plan.count)
+            }
+            _ => false,
         };
-        sound(&self.diffuse) && self.glossy.as_ref().is_none_or(sound)
+        // as many rays as could have been traced, so that sums stay small
+        self.rays <= MOST_RAYS
+            && self.glossy.is_some() == plan.glossy
+            && sound(&self.diffuse)
+            && self.glossy.as_ref().is_none_or(sound)
     }
 }
+
+/// Most rays of a block that are believed.
+const MOST_RAYS: u64 = 1 << 40;
 
 /// Where finished blocks are found, and where they are kept.
 #[derive(Clone, Copy, Default)]
@@ -171,12 +182,12 @@ pub(super) struct Finished<'a> {
 
 impl Finished<'_> {
     /// # Errors
-    /// [`Error::Io`]; [`Error::File`] where the content makes no block of `rows` rows and `count` columns.
-    fn get(&self, part: Part, block: usize, (rows, count): (usize, usize)) -> Result<Option<Done>> {
+    /// [`Error::Io`]; [`Error::File`] where the content is no block of `rows` rows by `plan`.
+    fn get(&self, part: Part, block: usize, plan: Plan<'_>, rows: usize) -> Result<Option<Done>> {
         for file in self.own.into_iter().chain(self.others) {
             if let Some(content) = file.get(part, block as u32)? {
                 let done =
-                    postcard::from_bytes(&content).ok().filter(|done: &Done| done.is_sound(rows, count));
+                    postcard::from_bytes(&content).ok().filter(|done: &Done| done.is_sound(plan, rows));
                 let damaged = || {
                     Error::file(file.path(), "holds a block that makes no sense; remove it and prepare again")
                 };
@@ -223,12 +234,14 @@ impl<'a> Work<'a> {
             return Err(Error::Cancelled);
         }
         let points = self.runs[block];
-        let done = match self.finished.get(self.part, block, (points.len(), self.plan.count))? {
+        let done = match self.finished.get(self.part, block, self.plan, points.len())? {
             Some(done) => done,
             None if self.finished.complete => {
                 return Err(Error::Setting(format!(
-                    "block {block} of {} is in none of the files; give those of all shards, and run those again that did not end",
-                    self.runs.len()
+                    "block {} of {} of the {} is in none of the files; give those of all shards, and run those again that did not end",
+                    block + 1,
+                    self.runs.len(),
+                    self.part.name()
                 )));
             }
             None => {

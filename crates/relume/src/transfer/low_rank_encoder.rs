@@ -57,8 +57,8 @@ pub(super) struct Encoded {
 }
 
 impl Encoded {
-    /// Whether its parts are as many as its shape says, over `count` coefficients.
-    pub(super) fn is_sound(&self, count: usize) -> bool {
+    /// Whether its parts are as many as its shape says, over `count` coefficients, and its numbers are finite; judged under so many lights.
+    pub(super) fn is_sound(&self, count: usize, lights: usize) -> bool {
         let BlockShape { rows, rank, kept } = self.shape;
         let (rows, rank, kept) = (rows as usize, rank as usize, kept as usize);
         let runs = |columns: usize, length: usize| columns.checked_mul(runs_of(length));
@@ -70,7 +70,10 @@ impl Encoded {
             && self.u.is_sound()
             && runs(rank, kept) == Some(self.v.widths.len())
             && runs(rank, rows) == Some(self.u.widths.len())
-            && self.energy.len() == self.lost.len()
+            && self.v_scales.iter().chain(&self.u_scales).all(|scale| scale.is_finite())
+            && self.energy.len() == lights
+            && self.lost.len() == lights
+            && self.energy.iter().chain(&self.lost).all(|value| value.is_finite())
     }
 
     /// Of all that is stored of it, where a coefficient's number takes `place` bytes.

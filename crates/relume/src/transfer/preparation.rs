@@ -1,7 +1,7 @@
 //! From a scene to a transfer.
 
-use std::path::PathBuf;
-use std::sync::{Arc, Mutex};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use glam::Vec3;
@@ -77,7 +77,7 @@ impl<'a> Preparation<'a> {
     /// Keeps finished blocks in this file, and begins with those that it holds of the same preparation already, left by one that was interrupted:
     /// the transfer is the same, bit for bit. Who has saved the transfer may remove the file.
     #[must_use]
-    pub fn keep_blocks(mut self, path: impl Into<PathBuf>) -> Self {
+    pub fn checkpoint(mut self, path: impl Into<PathBuf>) -> Self {
         self.own_blocks = Some(path.into());
         self
     }
@@ -113,7 +113,7 @@ impl<'a> Preparation<'a> {
         self.transfer(&self.settings, looked, files.finished(complete), stages)
     }
 
-    /// Computes the blocks of one shard and keeps them in the file of [`Self::keep_blocks`]: [`Self::merge`] makes one transfer of all shards'. The
+    /// Computes the blocks of one shard and keeps them in the file of [`Self::checkpoint`]: [`Self::merge`] makes one transfer of all shards'. The
     /// bounces, which the final gather needs to know, are computed by each shard but for those that are there; with `bounces_only` each computes
     /// its own and leaves it at that. Returns how many blocks are the shard's.
     ///
@@ -132,6 +132,9 @@ impl<'a> Preparation<'a> {
         }
         let looked = Looked::new(self.scene, camera, self.settings.size, progress)?;
         let files = self.files(&looked, Some(shard), progress)?;
+        if let Some(own) = &files.own {
+            own.begin()?;
+        }
         let (geometry, accel) = looked.opaque();
         let (settings, finished) = (&self.settings, files.finished(false));
         let shot = Shot { scene: self.scene, geometry, accel, settings, finished };
@@ -148,10 +151,21 @@ impl<'a> Preparation<'a> {
         let of = BlocksOf::new(self.settings.clone(), hash);
         let own = self.own_blocks.as_ref().map(|path| BlockFile::resume(path, &of, shard)).transpose()?;
         if let Some(own) = own.as_ref().filter(|own| own.len() > 0) {
-            progress.notice(&format!("{} holds {} blocks already", own.path().display(), own.len()));
+            progress.notice(&format!("{}: finished blocks are there: {}", own.path().display(), own.len()));
         }
-        let others = self.finished_blocks.iter().map(|path| BlockFile::open(path, &of));
-        let others: Vec<BlockFile> = others.collect::<Result<_>>()?;
+        if own.as_ref().is_some_and(BlockFile::replaces) {
+            let path = self.own_blocks.as_deref().unwrap_or_else(|| Path::new(""));
+            progress.notice(&format!("{} holds blocks of other work, which are replaced", path.display()));
+        }
+        let mut others = Vec::new();
+        for path in &self.finished_blocks {
+            match BlockFile::open(path, &of) {
+                Ok(file) => others.push(file),
+                // what lies beside a shard is taken where it fits: it may be old, or just about to be written
+                Err(error) if shard.is_some() => progress.notice(&format!("left aside: {error}")),
+                Err(error) => return Err(error),
+            }
+        }
         for cut in others.iter().filter(|file| file.is_cut()) {
             progress.notice(&format!(
                 "{} was cut off, or is being written: its whole blocks are taken",
@@ -175,9 +189,9 @@ impl<'a> Preparation<'a> {
         let stages = Stages::new(progress);
         let looked = Looked::new(self.scene, camera, self.settings.size, &stages)?;
         let files = self.files(&looked, None, progress)?;
+        stages.rest();
         for settings in self.settings.coarser() {
-            let stages = Stages::new(progress);
-            show(self.transfer(&settings, looked.clone(), Finished::default(), stages)?)?;
+            show(self.transfer(&settings, looked.clone(), Finished::default(), stages.clone())?)?;
         }
         self.transfer(&self.settings, looked, files.finished(false), stages)
     }
@@ -282,37 +296,59 @@ impl Files {
 /// Passes progress on and notes how long each stage took.
 struct Stages<'a> {
     progress: &'a dyn Progress,
-    began: Mutex<Vec<(String, Instant)>>,
+    times: Mutex<Times>,
+}
+
+#[derive(Clone, Default)]
+struct Times {
+    /// Of stages that are over, seconds.
+    over: Vec<(String, f64)>,
+    /// The stage at work, and when it began.
+    at_work: Option<(String, Instant)>,
+}
+
+impl Clone for Stages<'_> {
+    fn clone(&self) -> Self {
+        Self { progress: self.progress, times: Mutex::new(self.times().clone()) }
+    }
 }
 
 impl<'a> Stages<'a> {
     fn new(progress: &'a dyn Progress) -> Self {
-        Self { progress, began: Mutex::new(vec![("acceleration structure".into(), Instant::now())]) }
+        let at_work = Some(("triangles".to_owned(), Instant::now()));
+        Self { progress, times: Mutex::new(Times { at_work, ..Times::default() }) }
+    }
+
+    fn times(&self) -> MutexGuard<'_, Times> {
+        self.times.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Ends the stage at work.
+    fn rest(&self) {
+        let Times { over, at_work } = &mut *self.times();
+        over.extend(at_work.take().map(|(name, began)| (name, began.elapsed().as_secs_f64())));
     }
 
     fn finish(&self) -> Timings {
-        self.stage("", 0);
-        let began = self.began.lock().map(|began| began.clone()).unwrap_or_default();
-        let stages: Vec<(String, f64)> = began
-            .windows(2)
-            .map(|pair| (pair[0].0.clone(), pair[1].1.duration_since(pair[0].1).as_secs_f64()))
-            .collect();
+        self.rest();
+        let stages = self.times().over.clone();
         Timings { seconds: stages.iter().map(|(_, seconds)| seconds).sum(), stages }
     }
 }
 
 impl Progress for Stages<'_> {
     fn stage(&self, name: &str, steps: u64) {
-        if let Ok(mut began) = self.began.lock() {
-            began.push((name.to_owned(), Instant::now()));
-        }
-        if steps > 0 {
-            self.progress.stage(name, steps);
-        }
+        self.rest();
+        self.times().at_work = Some((name.to_owned(), Instant::now()));
+        self.progress.stage(name, steps);
     }
 
     fn advance(&self, steps: u64) {
         self.progress.advance(steps);
+    }
+
+    fn notice(&self, text: &str) {
+        self.progress.notice(text);
     }
 
     fn cancelled(&self) -> bool {

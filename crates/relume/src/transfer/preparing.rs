@@ -8,7 +8,7 @@ use super::{Preparation, Transfer};
 use crate::scene::Scene;
 use crate::{Error, Progress, Result};
 
-/// A preparation at work on a thread of its own (and on the rayon pool of that thread): how far it is, the best transfer so far, and ways to
+/// A preparation at work on threads of its own, so that its caller can relight meanwhile: how far it is, the best transfer so far, and ways to
 /// pause and to end it. Dropping it asks it to end and does not wait.
 ///
 /// ```no_run
@@ -17,7 +17,7 @@ use crate::{Error, Progress, Result};
 /// # fn relight_with(_: &relume::Transfer) {}
 /// # fn main() -> relume::Result<()> {
 /// # let scene = Arc::new(relume::scene::Scene::default());
-/// let preparing = Preparing::start(scene, |scene| Preparation::new(scene).size(640, 480))?;
+/// let preparing = Preparing::start(scene, 0, |scene| Preparation::new(scene).size(640, 480))?;
 /// let mut seen = 0;
 /// while !preparing.is_finished() {
 ///     let status = preparing.status();
@@ -106,30 +106,41 @@ impl Progress for Shared {
 }
 
 impl Preparing {
-    /// Starts what `configure` makes of the scene, in steps ([`Preparation::run_in_steps`]).
+    /// Starts what `configure` makes of the scene, in steps ([`Preparation::run_in_steps`]), on so many threads; 0 stands for one a processor.
     ///
     /// # Errors
-    /// [`Error::Io`] where the system gives no thread. What is wrong with scene or settings comes from [`Self::wait`].
-    pub fn start<F>(scene: Arc<Scene>, configure: F) -> Result<Self>
+    /// [`Error::Io`] where the system gives no threads. What is wrong with scene or settings comes from [`Self::wait`].
+    pub fn start<F>(scene: Arc<Scene>, threads: usize, configure: F) -> Result<Self>
     where
         F: for<'a> FnOnce(&'a Scene) -> Preparation<'a> + Send + 'static,
     {
         let shared = Arc::new(Shared::default());
+        let no_threads =
+            |error| Error::io("threads for the preparation", "start", std::io::Error::other(error));
+        // not the pool of the caller, whose frames would wait for blocks, and for ever while the preparation rests
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .thread_name(|number| format!("preparation {number}"))
+            .build()
+            .map_err(no_threads)?;
         let work = {
             let shared = Arc::clone(&shared);
             move || {
-                let show = |transfer| {
-                    shared.show(Arc::new(transfer));
+                let told = Arc::clone(&shared);
+                let show = move |transfer| {
+                    told.show(Arc::new(transfer));
                     Ok(())
                 };
-                let whole = Arc::new(configure(&scene).run_in_steps(&*shared, show)?);
-                shared.show(Arc::clone(&whole));
+                let whole = pool.install(|| configure(&scene).run_in_steps(&*shared, show)).map(Arc::new);
+                if let Ok(whole) = &whole {
+                    shared.show(Arc::clone(whole));
+                }
                 shared.stage("", 0);
-                Ok(whole)
+                whole
             }
         };
         let thread = std::thread::Builder::new().name("preparation".to_owned()).spawn(work);
-        let thread = thread.map_err(|error| Error::io("a thread for the preparation", "start", error))?;
+        let thread = thread.map_err(|error| Error::io("threads for the preparation", "start", error))?;
         Ok(Self { shared, thread: Some(thread) })
     }
 
@@ -169,7 +180,7 @@ impl Preparing {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Waits for the last transfer.
+    /// Waits for the last transfer; one that rests goes on.
     ///
     /// # Errors
     /// As of [`Preparation::run`]; [`Error::Cancelled`] after [`Self::cancel`].
@@ -177,6 +188,7 @@ impl Preparing {
     /// # Panics
     /// If the preparation did.
     pub fn wait(mut self) -> Result<Arc<Transfer>> {
+        self.pause(false);
         let outcome = self.thread.take().map(JoinHandle::join);
         match outcome {
             Some(Ok(outcome)) => outcome,

@@ -83,7 +83,12 @@ impl KeptRows {
     /// Whether its parts are those of so many rows over `count` coefficients.
     pub(super) fn is_sound(&self, rows: usize, count: usize) -> bool {
         let values = rows.checked_mul(self.per_row);
+        let ascending = |row: &[u32]| row.windows(2).all(|pair| pair[0] < pair[1]);
         self.energies.len() == rows
+            && self.weight.is_finite()
+            && self.values.iter().all(|value| value.is_finite())
+            && self.energies.iter().all(|energy| energy.is_finite())
+            && self.indices.chunks(self.per_row.max(1)).all(ascending)
             && values == Some(self.indices.len())
             && values == Some(self.values.len())
             && self.indices.iter().all(|&index| (index as usize) < count)

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use crate::workspace;
 
 /// The tests that read larger scenes, and which. A test runs for those of its scenes that are there.
-const ON_LARGER_SCENES: [(&str, &[&str]); 5] = [
+const ON_LARGER_SCENES: [(&str, &[&str]); 6] = [
     (
         "shared_scenes_match_their_table",
         &[
@@ -24,6 +24,7 @@ const ON_LARGER_SCENES: [(&str, &[&str]); 5] = [
     ("sponza_has_masks_and_tangents", &["sponza.glb"]),
     ("cornell_box_agrees_with_the_path_tracer", &["cornell.glb"]),
     ("sponza_agrees_with_the_path_tracer", &["sponza.glb"]),
+    ("sponza_is_known_at_a_glance", &["sponza.glb"]),
     ("sponza_goes_through_every_stage", &["sponza.glb"]),
 ];
 

@@ -220,10 +220,8 @@ fn mirrors_show_the_sky_and_lights_themselves() {
     }
 }
 
-/// A ball that mirrors all it meets sends what falls on it evenly to all sides, and so does its picture, wherever the lamp stands: no sparkle
-/// gets lost between two pixels.
-#[test]
-fn a_lamp_in_a_chrome_ball_keeps_its_light() {
+/// A ball of 20 cm that mirrors all it meets, four metres from the camera, and something to gather light from.
+fn chrome_ball() -> TestScene {
     let mut builder = SceneBuilder::new();
     let chrome = builder.material(Material { base_color: Vec4::ONE, ..mirror() });
     let white = builder.material(lambertian(Vec3::splat(0.5)));
@@ -231,7 +229,14 @@ fn a_lamp_in_a_chrome_ball_keeps_its_light() {
         .sphere(Vec3::new(0.0, 1.0, 0.0), 0.2, 48, false, chrome)
         .quad(Vec3::new(3.0, -0.5, -8.0), Vec3::Z, Vec3::X, white)
         .camera(Vec3::new(0.0, 1.0, 4.0), Vec3::new(0.0, 1.0, 0.0), 12.0);
-    let built = builder.build();
+    builder.build()
+}
+
+/// A ball that mirrors all it meets sends what falls on it evenly to all sides, and so does its picture, wherever the lamp stands: no sparkle
+/// gets lost between two pixels.
+#[test]
+fn a_lamp_in_a_chrome_ball_keeps_its_light() {
+    let built = chrome_ball();
     let transfer = Arc::new(prepare(&built, Settings { size: (48, 36), ..tiny() }));
     let settings = RelightSettings { bounces: Some(0), ..RelightSettings::default() };
     let pixel = built.scene.cameras[0].pixel_angle(48, 36);
@@ -423,14 +428,7 @@ fn lamps_in_tinted_glass_are_not_shown() {
 /// A map's sun in a chrome ball: the light that falls on the ball leaves it evenly to all sides, in both engines.
 #[test]
 fn the_sun_of_a_map_shows_in_a_chrome_ball() {
-    let mut builder = SceneBuilder::new();
-    let chrome = builder.material(Material { base_color: Vec4::ONE, ..mirror() });
-    let white = builder.material(lambertian(Vec3::splat(0.5)));
-    builder
-        .sphere(Vec3::new(0.0, 1.0, 0.0), 0.2, 48, false, chrome)
-        .quad(Vec3::new(3.0, -0.5, -8.0), Vec3::Z, Vec3::X, white)
-        .camera(Vec3::new(0.0, 1.0, 4.0), Vec3::new(0.0, 1.0, 0.0), 12.0);
-    let built = builder.build();
+    let built = chrome_ball();
     let texels = (0..256 * 128).map(|i| Vec3::splat(if i == 40 * 256 + 70 { 1e4 } else { 0.0 })).collect();
     let map = EnvironmentMap::new("sun", 256, 128, texels).unwrap();
     let irradiance = map.texel(70, 40).x * map.solid_angle(40) as f32;

@@ -55,18 +55,18 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
             ));
         }
     }
-    // clap has seen to it that there is one
-    let Some(first) = arguments.blocks.first() else { return Ok(()) };
-    let read = arguments.blocks.iter().map(|path| BlocksOf::read(path)).collect::<Result<Vec<_>>>()?;
-    check_all_there(first, read.iter().filter_map(|(_, shard)| *shard))?;
-    let settings = read.into_iter().next().map(|(of, _)| of.settings).unwrap_or_default();
+    let headers = arguments.blocks.iter().map(|path| BlocksOf::read(path)).collect::<Result<Vec<_>>>()?;
+    let (Some(first), Some((of, _))) = (arguments.blocks.first(), headers.first()) else {
+        return Err(Error::Setting("no files of blocks; name those of all shards".to_owned()));
+    };
+    check_all_there(first, headers.iter().filter_map(|(_, shard)| *shard))?;
     interrupt::listen()?;
     arguments.threads.start()?;
     let imported = scene_file::read(&arguments.scene, console)?;
     let read = began.elapsed().as_secs_f64();
     let transfer = Preparation::new(&imported.scene)
         .name(scene_file::name(&arguments.scene))
-        .settings(settings)
+        .settings(of.settings.clone())
         .finished_blocks(arguments.blocks.iter().cloned())
         .merge(&console.progress())?;
     let saved = Saved {

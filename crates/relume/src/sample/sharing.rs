@@ -1,8 +1,8 @@
 //! Letting receivers that are alike share one, for a first look: one row then serves many pixels.
 //!
-//! Receivers are ordered as blocks of rows are (`tree.rs`), and those of a short run take their light from the first of them that faces as they
-//! do and lies in their plane, or rather from the one in the middle of those. A run of floor has one row; one of leaves has more: a sixteenth of
-//! its points, and two at least.
+//! Receivers are ordered as blocks of rows are (`tree.rs`). Those of a short run that face alike, lie in a plane and are about as rough form a
+//! group, and take their light from the one in its middle. A run of floor has one row; one of leaves has more: a sixteenth of its points, and two
+//! at least.
 
 use glam::Vec3;
 use rayon::prelude::*;

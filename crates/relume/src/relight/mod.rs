@@ -25,6 +25,7 @@ use crate::{Error, Progress, Result};
 
 use edits::Edits;
 use emission::Glow;
+use upsample::Reflection;
 
 /// Which light to show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -131,8 +132,8 @@ pub struct Relighter {
     bounces: CloudBounces,
     edits: Edits,
     edges: Vec<bool>,
-    /// Where the transfer has reflections.
-    tints: Option<upsample::Tints>,
+    /// By samples along a pixel's side, 1 and 2; made when asked for.
+    reflections: [Option<Reflection>; 2],
     /// What the lights of the last frame did.
     kept: Vec<Kept>,
     /// The same of lights that were off or black in it.
@@ -154,7 +155,7 @@ impl Relighter {
             bounces: CloudBounces::new(&transfer, &transfer.cloud),
             edits: Edits::new(&transfer, base_colors),
             edges: edge_pixels(&transfer.view),
-            tints: transfer.glossy.is_some().then(|| upsample::Tints::new(&transfer.view)),
+            reflections: [None, None],
             kept: Vec::new(),
             dark: Vec::new(),
             emissive: transfer.emissive_materials(),
@@ -235,6 +236,7 @@ impl Relighter {
             let began = Instant::now();
             self.forget();
             self.edits = Edits::new(&self.transfer, base_colors);
+            self.reflections = [None, None];
             self.stats.edits_ms = milliseconds(began);
         }
         progress.stage("relighting", (shining.len() + glows.len()) as u64);
@@ -332,9 +334,9 @@ impl Relighter {
         self.stats.add(work);
         self.stats.gather_ms += milliseconds(began);
         let began = Instant::now();
-        let glossy = glossy.as_deref().zip(self.tints.as_ref());
-        let gathered = upsample::Gathered { diffuse: &gathered, scales: self.edits.scales(), glossy };
-        let pixels = upsample::upsample(&self.transfer, &gathered, settings.aa);
+        let reflection = self.reflections[settings.aa as usize - 1]
+            .get_or_insert_with(|| Reflection::new(&self.transfer, self.edits.scales(), settings.aa));
+        let pixels = reflection.upsample(&gathered, glossy.as_deref());
         self.stats.upsample_ms += milliseconds(began);
         pixels
     }

@@ -1,98 +1,134 @@
-//! From the receivers' irradiance to the pixels' samples and back down (Hasan 2006, section 3.6).
+//! From the receivers' irradiance to the pixels (Hasan 2006, section 3.6).
+//!
+//! Nearly all samples of a pixel, and of what it shows in mirrors and through glass, take their light from one receiver or two. What they reflect of it
+//! is added up once for a shot: a frame then reads one row or two a pixel in place of every sample.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::sample::{Branch, PackedUnit, Receivers, ViewGrid, ViewSample, ViewSamples};
+use crate::sample::{Receivers, ViewGrid, ViewSample};
 use crate::transfer::Transfer;
 
-/// `k_g` of each sample of a view: the part of the light along its specular lobe that it reflects towards the camera.
-pub(super) struct Tints {
-    centers: GridTints,
-    quads: GridTints,
+/// Pixels that one task puts together.
+const CHUNK: usize = 4096;
+
+/// What a pixel reflects of the light at one receiver, towards the camera.
+#[derive(Clone, Copy)]
+struct Part {
+    /// Of the final gather.
+    row: u32,
+    /// Of the light over the hemisphere: `k_d`, averaged over the pixel.
+    diffuse: Vec3,
+    /// Of that along the specular lobe: `k_g`.
+    glossy: Vec3,
 }
 
-/// Of one grid.
-struct GridTints {
-    samples: Vec<PackedUnit>,
-    branches: Vec<PackedUnit>,
+/// What the pixels reflect of the light at the receivers.
+pub(super) struct Reflection {
+    parts: Vec<Part>,
+    /// Where each pixel's parts end.
+    ends: Vec<u32>,
 }
 
-impl Tints {
-    /// Of all samples.
-    pub(super) fn new(view: &ViewSamples) -> Self {
-        let tint = |sample: &ViewSample, eye: Vec3| {
-            if !sample.is_lit() {
-                return PackedUnit::ZERO;
-            }
-            let to_camera = (eye - sample.position) / sample.depth;
-            let surface = sample.surface();
-            PackedUnit::new(surface.specular_albedo(to_camera.dot(surface.shading_normal)))
-        };
-        let of = |grid: ViewGrid<'_>| GridTints {
-            samples: grid.samples.par_iter().map(|sample| tint(sample, view.camera)).collect(),
-            branches: grid
-                .chains
-                .branches
-                .par_iter()
-                .map(|branch| tint(&branch.sample, branch.eye))
-                .collect(),
-        };
-        Self { centers: of(view.grid(1)), quads: of(view.grid(2)) }
-    }
-
-    fn of(&self, aa: u32) -> &GridTints {
-        if aa == 1 { &self.centers } else { &self.quads }
-    }
+/// Of a chunk of pixels.
+#[derive(Default)]
+struct Parts {
+    parts: Vec<Part>,
+    /// How many are those of each pixel.
+    counts: Vec<u32>,
 }
 
-/// Light that was gathered, one value a row of the final gather.
-pub(super) struct Gathered<'a> {
-    /// Over the hemisphere.
-    pub(super) diffuse: &'a [Vec3],
+/// What a sample reflects.
+struct Tints<'a> {
     /// By material, what the samples' `k_d` is multiplied by.
-    pub(super) scales: Option<&'a [Vec3]>,
-    /// Along the lobe; none where reflections were left out.
-    pub(super) glossy: Option<(&'a [Vec3], &'a Tints)>,
+    scales: Option<&'a [Vec3]>,
+    /// Whether there is light along lobes.
+    glossy: bool,
 }
 
-impl Gathered<'_> {
-    /// What a sample reflects of it: `k_d` times the light over the hemisphere plus `k_g` times that along the lobe.
-    fn reflected(&self, sample: &ViewSample, tint: impl Fn(&Tints) -> PackedUnit, row: u32) -> Vec3 {
-        if row == Receivers::NONE {
-            return Vec3::ZERO;
-        }
+impl Tints<'_> {
+    fn of(&self, sample: &ViewSample, eye: Vec3, row: u32, weight: Vec3) -> Part {
         let k_d = match self.scales {
             Some(scales) => sample.diffuse.get() * scales[sample.material as usize],
             None => sample.diffuse.get(),
         };
-        let diffuse = k_d * self.diffuse[row as usize];
-        let glossy = self.glossy.map_or(Vec3::ZERO, |(light, tints)| tint(tints).get() * light[row as usize]);
-        diffuse + glossy
+        let k_g = if self.glossy {
+            let to_camera = (eye - sample.position) / sample.depth;
+            let surface = sample.surface();
+            surface.specular_albedo(to_camera.dot(surface.shading_normal))
+        } else {
+            Vec3::ZERO
+        };
+        Part { row, diffuse: weight * k_d, glossy: weight * k_g }
     }
 }
 
-/// What the samples reflect of light that was gathered, averaged over each pixel.
-pub(super) fn upsample(transfer: &Transfer, gathered: &Gathered<'_>, aa: u32) -> Vec<Vec3> {
-    let view = &transfer.view;
-    let ViewGrid { samples, chains, a_pixel, .. } = view.grid(aa);
-    let [rows, branch_rows] = transfer.rows_of(aa);
-    let share = 1.0 / a_pixel as f32;
-    let reflected =
-        |index: usize| gathered.reflected(&samples[index], |all| all.of(aa).samples[index], rows[index]);
-    let mut pixels: Vec<Vec3> = (0..view.pixels())
-        .into_par_iter()
-        .with_min_len(4096)
-        .map(|pixel| (pixel * a_pixel..(pixel + 1) * a_pixel).map(reflected).sum::<Vec3>() * share)
-        .collect();
-    let behind = |(index, Branch { sample, throughput, .. }): (usize, &Branch)| {
-        let reflected = gathered.reflected(sample, |all| all.of(aa).branches[index], branch_rows[index]);
-        throughput.get() * reflected * share
-    };
-    let branches = chains.branches.par_iter().enumerate().with_min_len(4096);
-    let lit: Vec<Vec3> = branches.map(behind).collect();
-    for (branch, light) in chains.branches.iter().zip(lit) {
-        pixels[branch.owner as usize / a_pixel] += light;
+impl Parts {
+    /// Adds to the pixel at hand, whose parts begin at `first`.
+    fn add(&mut self, first: usize, part: Part) {
+        match self.parts[first..].iter_mut().find(|before| before.row == part.row) {
+            Some(before) => {
+                before.diffuse += part.diffuse;
+                before.glossy += part.glossy;
+            }
+            None => self.parts.push(part),
+        }
     }
-    pixels
+}
+
+impl Reflection {
+    /// Of one grid of samples. `scales` is, by material, what the samples' `k_d` is multiplied by; none where that is 1 for all.
+    pub(super) fn new(transfer: &Transfer, scales: Option<&[Vec3]>, aa: u32) -> Self {
+        let view = &transfer.view;
+        let ViewGrid { samples, chains, a_pixel, .. } = view.grid(aa);
+        let [rows, branch_rows] = transfer.rows_of(aa);
+        let share = Vec3::splat(1.0 / a_pixel as f32);
+        let tints = Tints { scales, glossy: transfer.glossy.is_some() };
+        let pixel_of = |branch: u32| chains.branches[branch as usize].owner as usize / a_pixel;
+        let lit = |branch: &u32| branch_rows[*branch as usize] != Receivers::NONE;
+        let mut behind: Vec<u32> = (0..chains.branches.len() as u32).filter(lit).collect();
+        behind.sort_by_key(|&branch| pixel_of(branch));
+        let chunk = |start: usize| {
+            let mut parts = Parts::default();
+            let mut behind = &behind[behind.partition_point(|&branch| pixel_of(branch) < start)..];
+            for pixel in start..(start + CHUNK).min(view.pixels()) {
+                let first = parts.parts.len();
+                for index in (pixel * a_pixel..(pixel + 1) * a_pixel).filter(|&i| rows[i] != Receivers::NONE)
+                {
+                    parts.add(first, tints.of(&samples[index], view.camera, rows[index], share));
+                }
+                while let Some((&index, rest)) = behind.split_first().filter(|(b, _)| pixel_of(**b) == pixel)
+                {
+                    let (branch, row) = (&chains.branches[index as usize], branch_rows[index as usize]);
+                    let weight = share * branch.throughput.get();
+                    parts.add(first, tints.of(&branch.sample, branch.eye, row, weight));
+                    behind = rest;
+                }
+                parts.counts.push((parts.parts.len() - first) as u32);
+            }
+            parts
+        };
+        let chunks: Vec<Parts> = (0..view.pixels()).into_par_iter().step_by(CHUNK).map(chunk).collect();
+        let mut end = 0;
+        let counts = chunks.iter().flat_map(|chunk| &chunk.counts);
+        let ends = counts.map(|count| {
+            end += count;
+            end
+        });
+        Self { ends: ends.collect(), parts: chunks.iter().flat_map(|chunk| &chunk.parts).copied().collect() }
+    }
+
+    /// What the pixels reflect of light that was gathered, one value a row: over the hemisphere, and along the lobes, where there is any.
+    pub(super) fn upsample(&self, diffuse: &[Vec3], glossy: Option<&[Vec3]>) -> Vec<Vec3> {
+        let reflected = |part: &Part| {
+            let row = part.row as usize;
+            let glossy = glossy.map_or(Vec3::ZERO, |glossy| part.glossy * glossy[row]);
+            part.diffuse * diffuse[row] + glossy
+        };
+        let of_pixel = |pixel: usize| {
+            let first = pixel.checked_sub(1).map_or(0, |before| self.ends[before]);
+            self.parts[first as usize..self.ends[pixel] as usize].iter().map(reflected).sum()
+        };
+        (0..self.ends.len()).into_par_iter().with_min_len(CHUNK).map(of_pixel).collect()
+    }
 }

@@ -2,13 +2,14 @@
 //!
 //! A node's eight boxes are first tested against the whole packet at once, by interval arithmetic over its origins and
 //! directions (Wald et al. 2007, "Ray Tracing Deformable Scenes Using Dynamic Bounding Volume Hierarchies", section 4.2), then the few
-//! that remain against each ray, one box against all rays. Both tests round as the test of a single ray does, and in the same
-//! direction, so that a ray gets the same answer alone and in company. Rays that have parted from the others go on alone.
+//! that remain against each ray, one box against all rays; a triangle against all rays where many of them come to it. All tests round as those of a
+//! single ray do, and in the same direction, so that a ray gets the same answer alone and in company. Rays that have parted from the others go on
+//! alone. What blocked a packet is asked first by the next one, which runs beside it and mostly meets the same.
 
 use multiversion::multiversion;
 
 use super::kernel::{FAR_SCALE, Slabs, blocks, max, min, occluded_below};
-use super::wide::{LEAF_BIT, Node, WIDTH, WideBvh};
+use super::wide::{Block, LEAF, LEAF_BIT, Node, WIDTH, WideBvh};
 use super::{AlphaMasks, Ray};
 
 /// Rays of a packet, and lanes of its test.
@@ -22,6 +23,7 @@ pub(super) type Waiting = (u32, u32);
 /// Rays side by side, as structure of arrays by axis.
 struct Packet {
     origin: [[f32; PACKET]; 3],
+    direction: [[f32; PACKET]; 3],
     inverse: [[f32; PACKET]; 3],
     t_min: [f32; PACKET],
     t_max: [f32; PACKET],
@@ -47,7 +49,7 @@ impl Packet {
     fn new(rays: &[Ray; PACKET]) -> Option<Self> {
         let first = Slabs::new(&rays[0]);
         let zero = [[0.0; PACKET]; 3];
-        let (mut origin, mut inverse) = (zero, zero);
+        let (mut origin, mut direction, mut inverse) = (zero, zero, zero);
         for (lane, ray) in rays.iter().enumerate() {
             let slabs = Slabs::new(ray);
             if slabs.near != first.near {
@@ -55,12 +57,13 @@ impl Packet {
             }
             for axis in 0..3 {
                 origin[axis][lane] = slabs.origin[axis];
+                direction[axis][lane] = ray.direction[axis];
                 inverse[axis][lane] = slabs.inverse[axis];
             }
         }
         let (t_min, t_max) = (rays.map(|ray| ray.t_min), rays.map(|ray| ray.t_max));
         let bounds = Bounds::new(&origin, &inverse, first.near, least(&t_min), most(&t_max));
-        Some(Self { origin, inverse, t_min, t_max, bounds })
+        Some(Self { origin, direction, inverse, t_min, t_max, bounds })
     }
 
     /// A bit for each ray that meets a child's box.
@@ -82,6 +85,66 @@ impl Packet {
         }
         mask
     }
+}
+
+/// A bit for each ray of a packet that a triangle of a block lies on, solid there or not, and where: as
+/// [`intersect`](super::kernel::intersect) has it, term by term.
+#[inline(always)]
+fn meet_triangle(packet: &Packet, block: &Block, i: usize) -> (u32, [f32; PACKET], [f32; PACKET]) {
+    let [ax, ay, az] = [0, 1, 2].map(|axis| block.edge1[axis][i]);
+    let [bx, by, bz] = [0, 1, 2].map(|axis| block.edge2[axis][i]);
+    let [cx, cy, cz] = [0, 1, 2].map(|axis| block.corner[axis][i]);
+    let ([x, y, z], [dx, dy, dz]) = (&packet.origin, &packet.direction);
+    let (mut t, mut u, mut v) = ([0.0; PACKET], [0.0; PACKET], [0.0; PACKET]);
+    for lane in 0..PACKET {
+        let (dx, dy, dz) = (dx[lane], dy[lane], dz[lane]);
+        let (px, py, pz) = (dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx);
+        let determinant = ax * px + ay * py + az * pz;
+        let inverse = 1.0 / determinant;
+        let (sx, sy, sz) = (x[lane] - cx, y[lane] - cy, z[lane] - cz);
+        u[lane] = (sx * px + sy * py + sz * pz) * inverse;
+        let (qx, qy, qz) = (sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax);
+        v[lane] = (dx * qx + dy * qy + dz * qz) * inverse;
+        t[lane] = (bx * qx + by * qy + bz * qz) * inverse;
+    }
+    let mut mask = 0;
+    for lane in 0..PACKET {
+        let inside = (u[lane] >= -1e-6) & (v[lane] >= -1e-6) & (u[lane] + v[lane] <= 1.000_002);
+        let within = (t[lane] > packet.t_min[lane]) & (t[lane] < packet.t_max[lane]);
+        mask |= u32::from(inside & within) << lane;
+    }
+    (mask, u, v)
+}
+
+/// A bit for each of the `active` rays that something solid of a block lies on.
+#[inline(always)]
+fn blocked_by(block: &Block, masks: &AlphaMasks, packet: &Packet, rays: &[Ray; PACKET], active: u32) -> u32 {
+    let triangles = block.triangles.iter().take_while(|triangle| **triangle != u32::MAX).count();
+    let mut blocked = 0;
+    if active.count_ones() as usize <= 2 * triangles {
+        let mut left = active;
+        while left != 0 {
+            let lane = left.trailing_zeros();
+            left &= left - 1;
+            blocked |= u32::from(blocks(block, masks, &rays[lane as usize])) << lane;
+        }
+        return blocked;
+    }
+    for triangle in 0..triangles.min(LEAF) {
+        let (mask, u, v) = meet_triangle(packet, block, triangle);
+        let mut met = mask & active & !blocked;
+        if block.masked >> triangle & 1 == 0 {
+            blocked |= met;
+            continue;
+        }
+        while met != 0 {
+            let lane = met.trailing_zeros() as usize;
+            met &= met - 1;
+            let solid = masks.is_solid(block.triangles[triangle], u[lane], v[lane]);
+            blocked |= u32::from(solid) << lane;
+        }
+    }
+    blocked
 }
 
 impl Bounds {
@@ -138,7 +201,7 @@ fn most(values: &[f32; PACKET]) -> f32 {
     values.iter().fold(f32::NEG_INFINITY, |most, &value| max(value, most))
 }
 
-/// A bit for each of `rays` that something lies on.
+/// A bit for each of `rays` that something lies on. `before` is the block that blocked the packet before, and becomes the one that blocks this one.
 #[inline(always)]
 fn occluded_packet(
     bvh: &WideBvh,
@@ -146,12 +209,20 @@ fn occluded_packet(
     rays: &[Ray; PACKET],
     stack: &mut [(f32, u32)],
     waiting: &mut Vec<Waiting>,
+    before: &mut Option<u32>,
 ) -> u32 {
     const ALL: u32 = (1 << PACKET) - 1;
     let Some(packet) = Packet::new(rays) else {
         return alone(bvh, masks, rays, ALL, 0, stack);
     };
     let mut blocked = 0;
+    if let Some(block) = before.take() {
+        blocked = blocked_by(&bvh.blocks[block as usize], masks, &packet, rays, ALL);
+        *before = (blocked != 0).then_some(block);
+        if blocked == ALL {
+            return ALL;
+        }
+    }
     waiting.clear();
     waiting.push((0, ALL));
     while let Some((child, wanted)) = waiting.pop() {
@@ -160,12 +231,11 @@ fn occluded_packet(
             continue;
         }
         if child & LEAF_BIT != 0 {
-            let block = &bvh.blocks[(child & !LEAF_BIT) as usize];
-            let mut left = active;
-            while left != 0 {
-                let lane = left.trailing_zeros();
-                left &= left - 1;
-                blocked |= u32::from(blocks(block, masks, &rays[lane as usize])) << lane;
+            let block = child & !LEAF_BIT;
+            let found = blocked_by(&bvh.blocks[block as usize], masks, &packet, rays, active);
+            if found != 0 {
+                *before = Some(block);
+                blocked |= found;
             }
         } else if active.count_ones() <= FEW {
             blocked |= alone(bvh, masks, rays, active, child, stack);
@@ -219,8 +289,9 @@ pub(super) fn occluded_batch(
 ) {
     let (packets, few) = rays.as_chunks::<PACKET>();
     let (answers, last) = blocked.as_chunks_mut::<PACKET>();
+    let mut before = None;
     for (packet, answers) in packets.iter().zip(answers) {
-        let mask = occluded_packet(bvh, masks, packet, stack, waiting);
+        let mask = occluded_packet(bvh, masks, packet, stack, waiting, &mut before);
         for (lane, answer) in answers.iter_mut().enumerate() {
             *answer = mask >> lane & 1 != 0;
         }

@@ -39,6 +39,9 @@ pub(crate) struct Arguments {
     /// Direct samples along each side of a pixel: 1 or 2.
     #[arg(long, value_name = "1|2", default_value = "2", value_parser = antialiasing)]
     aa: u32,
+    /// Light everything coarsely, as a light is while it is dragged: a quarter of the shadow rays, later bounces guessed.
+    #[arg(long)]
+    preview: bool,
     #[command(flatten)]
     cull: Culling,
     /// The curve from light to display (PNG) [default: neutral].
@@ -91,6 +94,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         only: Part::only(arguments.only),
         per_light: arguments.per_light,
         cull: arguments.cull.epsilon,
+        preview: arguments.preview,
     };
     let lights = rig.lights.iter().filter(|light| light.enabled).count();
     if lights == 0 {
@@ -147,6 +151,7 @@ pub(super) fn attributes(transfer: &Transfer, settings: &RelightSettings) -> Vec
         text("scene_hash", &report.scene_hash),
         text("bounces", output::bounces(settings.bounces)),
         number("aa", settings.aa),
+        text("quality", if settings.preview { "preview" } else { "full" }),
         number("cull", settings.cull.unwrap_or_else(|| transfer.gather.encoding().cull())),
         number("gather_samples", transfer.cloud.len() as f64),
     ]

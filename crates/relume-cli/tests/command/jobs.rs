@@ -139,6 +139,11 @@ fn bench_tells_medians_and_what_moves() {
     let [frame, direct, bounces, gather, upsample, color] = numbers(&told, &keys)[..] else { panic!() };
     assert!(direct > 0.0 && bounces > 0.0 && gather > 0.0 && upsample > 0.0, "{told}");
     assert!(color < frame, "a changed colour relights nothing: {told}");
+    let stages = told["stages"].as_array().unwrap();
+    let loads = stages.iter().map(|stage| stage["rays"].as_u64().or(stage["bytes"].as_u64()).unwrap());
+    assert!(stages.len() == 6 && loads.min() > Some(0), "every stage traces or moves something: {told}");
+    assert!(told["ceiling"]["read_gb_per_s"].as_f64() > Some(0.0));
+    assert!(told["ceiling"]["mrays_per_s"].as_f64() > Some(0.0));
     assert_eq!(told["light"], "key");
     assert!(
         told["shadow_rays"].as_u64().unwrap() > 0 && told["transfer_bytes_per_frame"].as_u64().unwrap() > 0

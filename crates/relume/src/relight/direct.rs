@@ -3,6 +3,7 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::RelightSettings;
 use crate::sample::{Chains, ViewGrid, ViewSample, ViewSamples};
 use crate::scene::Light;
 use crate::shade::{self, Dome, PreparedLight};
@@ -11,6 +12,8 @@ use crate::trace::{Accel, Ray};
 
 /// Shadow rays a pixel towards a light with extent, spread over its samples. More make soft shadows smoother.
 const SOFT_RAYS: usize = 16;
+/// The same in a preview.
+const PREVIEW_SOFT_RAYS: usize = 4;
 /// Samples that one task shades.
 const CHUNK: usize = 2048;
 
@@ -32,11 +35,17 @@ struct Seen<'a> {
 }
 
 /// One light's direct light on every pixel, and the number of shadow rays.
-pub(super) fn direct(view: View<'_>, accel: &Accel, light: &Light, aa: u32) -> (Vec<Vec3>, u64) {
+pub(super) fn direct(
+    view: View<'_>,
+    accel: &Accel,
+    light: &Light,
+    settings: &RelightSettings,
+) -> (Vec<Vec3>, u64) {
+    let soft_rays = if settings.preview { PREVIEW_SOFT_RAYS } else { SOFT_RAYS };
     let prepared = PreparedLight::new(light);
-    let ViewGrid { samples, chains, a_pixel, .. } = view.samples.grid(aa);
+    let ViewGrid { samples, chains, a_pixel, .. } = view.samples.grid(settings.aa);
     let camera = view.samples.camera;
-    let rays = if prepared.needs_samples() { SOFT_RAYS / a_pixel } else { 1 };
+    let rays = if prepared.needs_samples() { soft_rays / a_pixel } else { 1 };
     let shading = Shading { light: &prepared, view, rays, accel };
     let share = 1.0 / (a_pixel * rays) as f32;
     let mut pixels = vec![Vec3::ZERO; view.samples.pixels()];
@@ -50,7 +59,12 @@ pub(super) fn direct(view: View<'_>, accel: &Accel, light: &Light, aa: u32) -> (
                 let view = (camera - sample.position) / sample.depth;
                 Seen { sample, view, throughput: Vec3::ONE }
             });
-            shading.run(seen, first, |index, radiance| pixels[index / a_pixel] += radiance * share)
+            let add = |index: usize, radiance| pixels[index / a_pixel] += radiance * share;
+            if settings.preview && rays == 1 {
+                shading.run_shared(seen, (first, a_pixel), add)
+            } else {
+                shading.run(seen, first, add)
+            }
         })
         .sum();
     let behind = chains.branches.par_chunks(CHUNK).enumerate().map(|(chunk, branches)| {
@@ -104,7 +118,7 @@ impl Shading<'_> {
         &self,
         seen: impl Iterator<Item = Seen<'s>>,
         first: usize,
-        mut add: impl FnMut(usize, Vec3),
+        add: impl FnMut(usize, Vec3),
     ) -> u64 {
         let (mut rays, mut waiting) = (Vec::new(), Vec::new());
         for (index, seen) in seen.enumerate().filter(|(_, seen)| seen.sample.reflects()) {
@@ -115,12 +129,47 @@ impl Shading<'_> {
                 }
             }
         }
+        self.trace(&rays, &waiting, add)
+    }
+
+    /// Tells `add` what waits for those of `rays` that are free. Returns how many rays there are.
+    fn trace(&self, rays: &[Ray], waiting: &[(usize, Vec3)], mut add: impl FnMut(usize, Vec3)) -> u64 {
         let mut blocked = vec![false; rays.len()];
-        self.accel.occluded_batch(&rays, &mut blocked);
+        self.accel.occluded_batch(rays, &mut blocked);
         for (&(index, radiance), _) in waiting.iter().zip(&blocked).filter(|&(_, &blocked)| !blocked) {
             add(index, radiance);
         }
         rays.len() as u64
+    }
+
+    /// The same with one ray for each pixel, of `a_pixel` samples, whose answer stands for all of these. It starts from another sample than in
+    /// neighbouring pixels, so that together they look at all places within a pixel.
+    fn run_shared<'s>(
+        &self,
+        seen: impl Iterator<Item = Seen<'s>>,
+        (first, a_pixel): (usize, usize),
+        add: impl FnMut(usize, Vec3),
+    ) -> u64 {
+        let width = self.view.samples.width;
+        let (mut rays, mut waiting): (Vec<Ray>, Vec<(usize, Vec3)>) = (Vec::new(), Vec::new());
+        for (index, seen) in seen.enumerate().filter(|(_, seen)| seen.sample.reflects()) {
+            let Some((ray, radiance)) = self.unshadowed(&seen, first + index, 0) else { continue };
+            let pixel = (first + index) / a_pixel;
+            let is_favoured = index % a_pixel == (pixel % width + 2 * (pixel / width)) % a_pixel;
+            match (waiting.last_mut(), rays.last_mut()) {
+                (Some((before, sum)), Some(chosen)) if *before / a_pixel == index / a_pixel => {
+                    *sum += radiance;
+                    if is_favoured {
+                        *chosen = ray;
+                    }
+                }
+                _ => {
+                    rays.push(ray);
+                    waiting.push((index, radiance));
+                }
+            }
+        }
+        self.trace(&rays, &waiting, add)
     }
 
     /// A shadow ray and the radiance that reaches the camera if it is free.

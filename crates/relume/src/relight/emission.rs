@@ -47,7 +47,7 @@ impl Relighter {
         progress: &dyn Progress,
     ) -> Result<()> {
         let mut before = std::mem::take(&mut self.emission);
-        before.retain(|glow| glow.settings.same_light(settings));
+        before.retain(|glow| glow.settings.serve(settings));
         before.iter_mut().for_each(|glow| glow.scale = None);
         for (materials, scale) in glows {
             if let Some(place) = before.iter().position(|glow| glow.materials == materials) {

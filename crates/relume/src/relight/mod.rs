@@ -16,7 +16,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::image::{Image, Layers, LightLayers};
-use crate::sample::{edge_pixels, illuminate};
+use crate::sample::{Detail, edge_pixels, illuminate_with};
 use crate::scene::{Light, LightKind, LightRig};
 use crate::shade::Dome;
 use crate::trace::Accel;
@@ -55,11 +55,15 @@ pub struct RelightSettings {
     /// if its parts are independent; what comes of it is mostly far less. 0 leaves out nothing; `None` is what suits the encoding
     /// ([`Encoding::cull`](crate::transfer::Encoding::cull)). Relative to each light's own result: lights still add up exactly.
     pub cull: Option<f32>,
+    /// For dragging: lights that are not known yet from an earlier frame are lit coarsely; the others are shown as they were. Left out are three in four
+    /// of the shadow rays (shadows are as sharp as a pixel, and those of lights with extent have grain), in indirect light shadows' edges finer than a
+    /// gather sample, and all bounces after the fourth, which are guessed. A frame without it then lights these lights anew.
+    pub preview: bool,
 }
 
 impl Default for RelightSettings {
     fn default() -> Self {
-        Self { bounces: None, aa: 2, only: Only::Both, per_light: false, cull: None }
+        Self { bounces: None, aa: 2, only: Only::Both, per_light: false, cull: None, preview: false }
     }
 }
 
@@ -94,6 +98,12 @@ pub struct FrameStats {
     pub relit: usize,
     /// Shadow rays, from view samples and from the cloud.
     pub shadow_rays: u64,
+    /// Those of them from the cloud.
+    pub cloud_rays: u64,
+    /// Bytes that spreading indirect light to the pixels reads and writes.
+    pub upsample_bytes: u64,
+    /// Bytes that the sum over lights reads and writes.
+    pub sum_bytes: u64,
     /// How often the bounce operator was applied.
     pub bounce_steps: u32,
     /// Multiply-adds of each colour, in bounces and final gather.
@@ -168,6 +178,11 @@ impl Relighter {
     /// The shot.
     pub fn transfer(&self) -> &Transfer {
         &self.transfer
+    }
+
+    /// What shadow rays are traced in.
+    pub fn accel(&self) -> &Accel {
+        &self.accel
     }
 
     /// What the last frame took.
@@ -249,18 +264,19 @@ impl Relighter {
             }
             let found = before
                 .iter()
-                .position(|kept| kept.settings.same_light(settings) && kept.light.same_but_for_color(light));
-            let lit = match found {
-                Some(place) => before.swap_remove(place).lit,
-                None => self.light(light, settings),
+                .position(|kept| kept.settings.serve(settings) && kept.light.same_but_for_color(light));
+            let known = found.map(|place| before.swap_remove(place));
+            let (lit, settings) = match known {
+                Some(kept) => (kept.lit, kept.settings),
+                None => (self.light(light, settings), *settings),
             };
-            self.kept.push(Kept { light: (*light).clone(), settings: *settings, lit });
+            self.kept.push(Kept { light: (*light).clone(), settings, lit });
             progress.advance(1);
         }
         // a light that is off or black keeps what it did, and comes back for nothing
         self.dark = before
             .into_iter()
-            .filter(|kept| kept.settings.same_light(settings))
+            .filter(|kept| kept.settings.serve(settings))
             .filter(|kept| rig.lights.iter().any(|light| kept.light.same_but_for_color(light)))
             .collect();
         self.light_emission(glows, settings, progress)?;
@@ -268,6 +284,9 @@ impl Relighter {
         let mut layers = self.sum(settings);
         layers.edges.clone_from(&self.edges);
         self.stats.sum_ms = milliseconds(sum_began);
+        // of two layers, each light's is read, and the sum read and written
+        let images = 2 * 3 * (self.kept.len() + self.emission.len());
+        self.stats.sum_bytes = (images * layers.direct.pixels.len() * size_of::<Vec3>()) as u64;
         self.stats.frame_ms = milliseconds(began);
         Ok(layers)
     }
@@ -294,15 +313,17 @@ impl Relighter {
         if settings.only != Only::Indirect {
             let began = Instant::now();
             let view = direct::View { samples: &self.transfer.view, scales: self.edits.scales() };
-            let (direct, rays) = direct::direct(view, &self.accel, light, settings.aa);
+            let (direct, rays) = direct::direct(view, &self.accel, light, settings);
             lit.direct.pixels = direct;
             self.stats.shadow_rays += rays;
             self.stats.direct_ms += milliseconds(began);
         }
         if settings.only != Only::Direct && settings.bounces != Some(0) {
             let began = Instant::now();
-            let cloud = illuminate(self.edits.cloud(&self.transfer), &self.accel, light);
+            let detail = if settings.preview { Detail::Coarse } else { Detail::Full };
+            let cloud = illuminate_with(self.edits.cloud(&self.transfer), &self.accel, light, detail);
             self.stats.shadow_rays += cloud.shadow_rays;
+            self.stats.cloud_rays += cloud.shadow_rays;
             self.stats.cloud_ms += milliseconds(began);
             let times = settings.bounces.map(|bounces| bounces - 1);
             lit.indirect.pixels = self.gather(&cloud.radiance, times, settings);
@@ -314,6 +335,8 @@ impl Relighter {
     fn gather(&mut self, radiance: &[Vec3], times: Option<u32>, settings: &RelightSettings) -> Vec<Vec3> {
         let began = Instant::now();
         let (bounce, bounces) = (&self.transfer.bounce, self.edits.bounces(&self.bounces));
+        let coarse = settings.preview.then(|| bounces.coarse());
+        let bounces = coarse.as_ref().unwrap_or(bounces);
         let bounced = bounces.sum(bounce, radiance, times, settings.epsilon(bounce));
         self.gather_bounced(bounced, began, settings)
     }
@@ -337,6 +360,8 @@ impl Relighter {
         let reflection = self.reflections[settings.aa as usize - 1]
             .get_or_insert_with(|| Reflection::new(&self.transfer, self.edits.scales(), settings.aa));
         let pixels = reflection.upsample(&gathered, glossy.as_deref());
+        let light = gathered.len() + glossy.as_ref().map_or(0, Vec::len) + pixels.len();
+        self.stats.upsample_bytes += (reflection.bytes() + light * size_of::<Vec3>()) as u64;
         self.stats.upsample_ms += milliseconds(began);
         pixels
     }
@@ -365,9 +390,10 @@ impl Relighter {
 }
 
 impl RelightSettings {
-    /// Whether a light relit with the one looks the same with the other.
-    fn same_light(&self, other: &Self) -> bool {
-        (self.bounces, self.aa, self.only, self.cull) == (other.bounces, other.aa, other.only, other.cull)
+    /// Whether a light relit with these settings is what the `wanted` ones ask for, or better.
+    fn serve(&self, wanted: &Self) -> bool {
+        let of_look = |settings: &Self| (settings.bounces, settings.aa, settings.only, settings.cull);
+        of_look(self) == of_look(wanted) && (wanted.preview || !self.preview)
     }
 }
 

@@ -118,6 +118,11 @@ impl Reflection {
         Self { ends: ends.collect(), parts: chunks.iter().flat_map(|chunk| &chunk.parts).copied().collect() }
     }
 
+    /// Bytes of both arrays.
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(&*self.parts) + size_of_val(&*self.ends)
+    }
+
     /// What the pixels reflect of light that was gathered, one value a row: over the hemisphere, and along the lobes, where there is any.
     pub(super) fn upsample(&self, diffuse: &[Vec3], glossy: Option<&[Vec3]>) -> Vec<Vec3> {
         let reflected = |part: &Part| {

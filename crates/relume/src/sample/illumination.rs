@@ -36,6 +36,20 @@ pub struct CloudLight {
 /// The direct light of `light` on every gather sample: `albedo / pi * irradiance`, averaged over each patch. None of a dome, whose light comes
 /// through the operators ([`super::illuminate_sky`]).
 pub fn illuminate(cloud: &GatherCloud, accel: &Accel, light: &Light) -> CloudLight {
+    illuminate_with(cloud, accel, light, Detail::Full)
+}
+
+/// How many shadow rays are asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// More where the first ones of neighbours disagree.
+    Full,
+    /// Two a patch, whatever they find; four towards a light with extent. Shadows' edges become as coarse as patches.
+    Coarse,
+}
+
+/// The same with as many shadow rays as `detail` says.
+pub fn illuminate_with(cloud: &GatherCloud, accel: &Accel, light: &Light, detail: Detail) -> CloudLight {
     let prepared = PreparedLight::new(light);
     let surfaces = cloud.surfaces().len();
     let chunks: Vec<(Vec<Vec3>, u64)> = (0..surfaces)
@@ -43,7 +57,7 @@ pub fn illuminate(cloud: &GatherCloud, accel: &Accel, light: &Light) -> CloudLig
         .step_by(CHUNK)
         .map(|first| {
             let last = (first + CHUNK).min(surfaces);
-            Chunk::new(cloud, accel, &prepared, first, last).run()
+            Chunk::new(cloud, accel, &prepared, first, last).run(detail)
         })
         .collect();
     let mut result = CloudLight { radiance: Vec::with_capacity(cloud.len()), shadow_rays: 0 };
@@ -70,6 +84,8 @@ struct Chunk<'a> {
 struct FirstRays {
     /// By patch: the light was hidden from it.
     hidden: Vec<bool>,
+    /// By patch: the share of its rays that found the light.
+    free: Vec<f32>,
     /// By group of neighbours: it was hidden from one of them.
     any_hidden: Vec<bool>,
     /// By group of neighbours: it was visible from one of them.
@@ -81,6 +97,7 @@ impl FirstRays {
         let groups = patches.div_ceil(NEIGHBOURS);
         Self {
             hidden: vec![false; patches],
+            free: vec![0.0; patches],
             any_hidden: vec![false; groups],
             any_visible: vec![false; groups],
         }
@@ -108,7 +125,7 @@ impl<'a> Chunk<'a> {
         Self { accel, light, first, sub_samples, quarters, rays: 0 }
     }
 
-    fn run(mut self) -> (Vec<Vec3>, u64) {
+    fn run(mut self, detail: Detail) -> (Vec<Vec3>, u64) {
         let mut radiance = vec![Vec3::ZERO; self.quarters.len()];
         let lit: Vec<usize> =
             (0..self.quarters.len()).filter(|&p| self.quarters[p].iter().any(|q| *q != Vec3::ZERO)).collect();
@@ -120,7 +137,9 @@ impl<'a> Chunk<'a> {
             for &patch in &lit {
                 let group = patch / NEIGHBOURS;
                 let partly = self.quarters[patch].contains(&Vec3::ZERO);
-                if partly || (found.any_visible[group] && found.any_hidden[group]) {
+                if detail == Detail::Coarse {
+                    radiance[patch] = self.quarters[patch].iter().sum::<Vec3>() * found.free[patch];
+                } else if partly || (found.any_visible[group] && found.any_hidden[group]) {
                     refined.push(patch);
                 } else if !found.hidden[patch] {
                     radiance[patch] = self.quarters[patch].iter().sum();
@@ -146,6 +165,7 @@ impl<'a> Chunk<'a> {
         for (&patch, &hidden) in patches.iter().zip(&hidden) {
             let group = patch / NEIGHBOURS;
             found.hidden[patch] = hidden;
+            found.free[patch] += if hidden { 0.0 } else { 0.5 };
             found.any_hidden[group] |= hidden;
             found.any_visible[group] |= !hidden;
         }

@@ -67,6 +67,15 @@ impl CloudBounces {
         }
     }
 
+    /// The same bounces from fewer applications of the operator ([`BounceSeries::coarse`]); photons take one in any case.
+    #[must_use]
+    pub fn coarse(&self) -> Self {
+        match self {
+            Self::Iterated(series) => Self::Iterated(series.coarse()),
+            Self::Photon(_) => self.clone(),
+        }
+    }
+
     /// `light` and what comes of it after up to `times` bounces within the cloud; `None` is all. Also returns how often the
     /// operator was applied, and how much there was to do for it. Photons know no number but 0: any other is all. `epsilon` is that of
     /// culling ([`Operator::apply_coefficients`]).

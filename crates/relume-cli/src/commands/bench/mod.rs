@@ -1,4 +1,7 @@
-//! `relume bench`: what a relit frame takes while one light moves.
+//! `relume bench`: what a relit frame takes while one light moves, and how far that is above what the machine could do.
+
+mod ceiling;
+mod stages;
 
 use std::f32::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -14,10 +17,16 @@ use crate::arguments::{Culling, Threads, antialiasing};
 use crate::console::Console;
 use crate::report::{Table, bytes, count, culled, plural};
 
+use ceiling::Ceiling;
+use stages::Stage;
+
 /// Measure a relit frame, stage by stage, while one light moves and the others stay.
 ///
 /// The light goes once round a small circle; each frame relights it anew and takes the other lights from before. Then
 /// as many frames change nothing but its colour. Figures are medians over the frames.
+///
+/// Beside each stage stands what it traces or moves, at which rate, and which share that is of this machine's ceiling, measured
+/// first: memory read from start to end, and shadow rays that run side by side and meet nothing.
 #[derive(Args)]
 #[command(after_help = EXAMPLE)]
 pub(crate) struct Arguments {
@@ -38,6 +47,9 @@ pub(crate) struct Arguments {
     /// Direct samples along each side of a pixel: 1 or 2.
     #[arg(long, value_name = "1|2", default_value = "2", value_parser = antialiasing)]
     aa: u32,
+    /// Light the moving light coarsely, as while it is dragged.
+    #[arg(long)]
+    preview: bool,
     #[command(flatten)]
     cull: Culling,
     #[command(flatten)]
@@ -93,6 +105,10 @@ struct Figures<'a> {
     transfer_bytes_per_frame: u64,
     /// These bytes over the time of bounces within the cloud and of the final gather.
     transfer_gb_per_s: f64,
+    /// What this machine does at best.
+    ceiling: Ceiling,
+    /// Each stage beside it.
+    stages: Vec<Stage>,
 }
 
 pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
@@ -108,8 +124,12 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         bounces: arguments.bounces,
         aa: arguments.aa,
         cull: arguments.cull.epsilon,
+        preview: arguments.preview,
         ..Default::default()
     };
+    let ceiling = console.stage("this machine's ceiling", || {
+        Ok(Ceiling::measured(&relighter.transfer().view, relighter.accel()))
+    })?;
     relighter.relight(&rig, &settings)?;
     let first_frame_ms = relighter.stats().frame_ms;
     let still = rig.lights[moving].clone();
@@ -139,7 +159,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         lights: rig.lights.iter().filter(|light| light.enabled).count(),
         frames: arguments.frames,
         first_frame_ms,
-        ..Figures::of(relighter.transfer(), &moved, &recolored)
+        ..Figures::of(relighter.transfer(), &moved, &recolored, ceiling)
     };
     if arguments.json { console.json(&figures) } else { console.result(&figures.to_string()) }
 }
@@ -201,7 +221,7 @@ fn median(frames: &[FrameStats], of: impl Fn(&FrameStats) -> f64) -> f64 {
 }
 
 impl Figures<'_> {
-    fn of(transfer: &Transfer, moved: &[FrameStats], recolored: &[FrameStats]) -> Self {
+    fn of(transfer: &Transfer, moved: &[FrameStats], recolored: &[FrameStats], ceiling: Ceiling) -> Self {
         let steps = median(moved, |frame| f64::from(frame.bounce_steps));
         let gathered = (transfer.gather.bytes() + transfer.glossy_bytes()) as f64;
         let touched = gathered + steps * transfer.bounce.bytes() as f64;
@@ -231,6 +251,8 @@ impl Figures<'_> {
             culled: median(moved, |frame| frame.culled as f64) as u64,
             transfer_bytes_per_frame: touched as u64,
             transfer_gb_per_s: touched / (applying * 1e6),
+            ceiling,
+            stages: stages::of(transfer, moved, &ceiling),
         }
     }
 }
@@ -247,22 +269,24 @@ impl std::fmt::Display for Figures<'_> {
             plural(self.frames as usize, "frame", "frames"),
             plural(self.threads, "thread", "threads"),
         )?;
-        let mut table = Table::of_numbers(&["median of", "ms"]);
+        let mut table = Table::of_numbers(&["median of", "ms", "", "rate", "of the ceiling"]);
+        for stage in &self.stages {
+            table.row(stage.cells());
+        }
         for (name, value) in [
-            ("direct", self.direct_ms),
-            ("bounces", self.bounces_ms),
-            ("  of it light on the cloud", self.cloud_ms),
-            ("final gather", self.gather_ms),
-            ("upsampling", self.upsample_ms),
-            ("sum over lights", self.sum_ms),
             ("frame", self.frame_ms),
             ("  95 in 100 within", self.frame_p95_ms),
             ("frame, only a colour changed", self.color_change_ms),
             ("first frame, all lights", self.first_frame_ms),
         ] {
-            table.line(name, format!("{value:.2}"));
+            table.row([name.to_owned(), format!("{value:.2}"), String::new(), String::new(), String::new()]);
         }
         writeln!(f, "{table}")?;
+        writeln!(
+            f,
+            "ceiling: {:.1} GB/s read from start to end, {:.1} million rays a second side by side",
+            self.ceiling.read_gb_per_s, self.ceiling.mrays_per_s
+        )?;
         writeln!(f, "{}", culled(self.multiply_adds, self.culled))?;
         write!(
             f,

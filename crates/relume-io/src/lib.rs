@@ -10,7 +10,7 @@ pub use environment_file::read_environment;
 pub use exr_file::{Attribute, ExrImage, ExrMeta, Precision, read_exr, write_exr, write_exr_image};
 pub use image_file::read_image;
 pub use png_file::{read_png, write_png};
-pub use rig::{check_materials, load_rig, parse_rig, rig_to_toml, save_rig};
+pub use rig::{AnimatedRig, check_materials, load_rig, parse_rig, rig_to_toml, save_rig};
 mod bitmap;
 mod gltf;
 mod import;

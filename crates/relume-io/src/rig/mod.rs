@@ -35,32 +35,48 @@
 //! [[material]]                        # materials of another base colour than in the scene, in diffuse reflection
 //! name = "wall"                       # its name in the scene
 //! base_color = [0.7, 0.1, 0.1]        # in place of its factor; textures stay; linear RGB, 0 to 1
+//! [[animate]]                         # a field that changes from frame to frame
+//! light = "key"                       # or emitter = "lamp" (its material), or material = "wall"; none of them for the rig's exposure
+//! field = "position"                  # any key of that table but `name` and `type`; it need not be written there
+//! interpolation = "smooth"            # optional: smooth | linear | step
+//! frames = [1, 24, 48]                # ascending whole numbers
+//! values = [[1.0, 4.0, 0.5], [0.0, 4.0, 0.5], [0.0, 3.0, 0.5]] # one for each frame
 //! ```
+//!
+//! Numbers and lists of numbers are interpolated component by component, text, true and false can only step. `smooth`, what they do by default, is a
+//! monotone cubic: at rest at the first and the last key, and between two keys never outside their values. Before the first key and after the last one the
+//! value holds. [`AnimatedRig`] gives the rig at any frame, [`load_rig`] at the first keyed one.
 //!
 //! The keys are the field names of [`relume::LightKind`], [`relume::Emitter`] and [`relume::MaterialEdit`]. Whatever is wrong is told with its line.
 
+mod animation;
 mod check;
 mod keys;
 mod parse;
 mod toml_text;
+mod value;
 
 use std::io::{Read, Write};
 use std::path::Path;
 
 use relume::{Error, LightRig, Result, atomic_write};
 
+pub use animation::AnimatedRig;
 pub use toml_text::rig_to_toml;
 
 /// No rig of thousands of lights comes near this; a larger file is something else.
 const LARGEST_FILE: u64 = 16 << 20;
 
-/// Reads a rig from a TOML file.
+/// Reads a rig from a TOML file. Where it is animated, this is the rig at the first keyed frame; [`AnimatedRig`] has the others.
 ///
 /// # Errors
 /// [`Error::File`] with the line, what is wrong there and the mend; [`Error::Io`] where the file cannot be
 /// read.
 pub fn load_rig(path: impl AsRef<Path>) -> Result<LightRig> {
-    let path = path.as_ref();
+    parse_rig(&read_text(path.as_ref())?, path)
+}
+
+fn read_text(path: &Path) -> Result<String> {
     let refused = |error| Error::io(path, "read", error);
     let mut bytes = Vec::new();
     let file = std::fs::File::open(path).map_err(refused)?;
@@ -68,25 +84,19 @@ pub fn load_rig(path: impl AsRef<Path>) -> Result<LightRig> {
     if bytes.len() as u64 > LARGEST_FILE {
         return Err(Error::file(path, "is larger than 16 MiB; a rig is a short TOML file"));
     }
-    let text = String::from_utf8(bytes).map_err(|error| {
+    String::from_utf8(bytes).map_err(|error| {
         let line =
             1 + error.as_bytes()[..error.utf8_error().valid_up_to()].iter().filter(|&&b| b == b'\n').count();
         Error::file(path, format!("line {line}: not UTF-8 text; save the rig as UTF-8"))
-    })?;
-    parse_rig(&text, path)
+    })
 }
 
-/// Reads a rig from the text of a TOML file; `path` is named in errors, and maps of domes are looked for in its folder.
+/// Reads a rig from the text of a TOML file, as [`load_rig`]; `path` is named in errors, and maps of domes are looked for in its folder.
 ///
 /// # Errors
 /// [`Error::File`] with the first line at fault, what is wrong there and the mend.
 pub fn parse_rig(text: &str, path: impl AsRef<Path>) -> Result<LightRig> {
-    let folder = path.as_ref().parent().unwrap_or(Path::new(""));
-    parse::parse(text, folder).map_err(|problem| {
-        // A rig may end in an unfinished line, and a missing key is told at its table's header.
-        let line = line_of(text, problem.offset);
-        Error::file(path, format!("line {line}: {}", problem.message))
-    })
+    AnimatedRig::parse_with_first(text.to_owned(), path.as_ref()).map(|(_, first)| first)
 }
 
 /// Checks that every emitter of `rig`, which was read from `path`, names a material that shines, and every edit one that is there, of
@@ -115,8 +125,8 @@ fn line_of(text: &str, offset: usize) -> usize {
     1 + text.as_bytes()[..offset.min(text.len())].iter().filter(|&&byte| byte == b'\n').count()
 }
 
-/// Writes `rig` as a TOML file that [`load_rig`] reads back bit for bit. The file appears whole or not at
-/// all.
+/// Writes `rig` as a TOML file that [`load_rig`] reads back bit for bit. It is a rig of one moment: nothing in it is animated. The file appears
+/// whole or not at all.
 ///
 /// # Errors
 /// [`Error::Setting`] for a rig that [`load_rig`] would refuse; [`Error::File`] and [`Error::Io`] as

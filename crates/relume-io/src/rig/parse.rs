@@ -5,32 +5,11 @@ use std::sync::Arc;
 use relume::glam::Vec3;
 use relume::scene::{EnvironmentMap, NamedList};
 use relume::{Emitter, Light, LightKind, LightRig, MaterialEdit};
-use toml::Spanned;
-use toml::de::{DeTable, DeValue};
 
 use super::check::{Fault, edit_faults, emitter_faults, exposure_fault, light_faults, repeated_names};
 use super::keys::{EMITTER, LightType, MAP, MATERIAL, NamedTable, near_miss, synonym};
+use super::value::{Entry, Problem, Table, Value, read};
 use crate::read_environment;
-
-/// What is wrong, and the byte it is wrong at.
-pub(super) struct Problem {
-    pub(super) offset: usize,
-    pub(super) message: String,
-}
-
-/// Reads the whole rig and reports the problem that comes first in the text. Maps are looked for in `folder`.
-pub(super) fn parse(text: &str, folder: &Path) -> Result<LightRig, Problem> {
-    let document = DeTable::parse(text).map_err(|error| Problem {
-        offset: error.span().map_or(0, |span| span.start),
-        message: format!("not valid TOML: {}", error.message()),
-    })?;
-    let mut reader = Reader { problems: Vec::new(), folder, maps: HashMap::new() };
-    let rig = reader.rig(document.get_ref());
-    match reader.problems.into_iter().min_by_key(|problem| problem.offset) {
-        Some(first) => Err(first),
-        None => Ok(rig),
-    }
-}
 
 /// The byte at which an entry of a list, counted from 0, names its material.
 pub(super) fn name_offset(text: &str, list: NamedList, index: usize) -> Option<usize> {
@@ -38,56 +17,47 @@ pub(super) fn name_offset(text: &str, list: NamedList, index: usize) -> Option<u
         NamedList::Emitters => EMITTER,
         NamedList::Materials => MATERIAL,
     };
-    let document = DeTable::parse(text).ok()?;
-    let (_, list) = document.get_ref().iter().find(|(key, _)| key.get_ref() == table)?;
-    let item = list.get_ref().as_array()?.get(index)?;
-    Some(Table { keys: item.get_ref().as_table()?, offset: item.span().start }.offset_of(name))
+    let document = read(text).ok()?;
+    let item = document.find(table)?.value.list()?.get(index)?;
+    Some(item.value.table()?.offset_of(name))
 }
 
-struct Reader<'a> {
-    problems: Vec<Problem>,
+/// Maps that were read, by the names that the rig has for them.
+pub(super) type Maps = HashMap<String, Arc<EnvironmentMap>>;
+
+/// Reads a rig and notes every problem in it.
+pub(super) struct Reader<'a> {
+    pub(super) problems: Vec<Problem>,
+    /// That maps are looked for in.
     folder: &'a Path,
-    /// Those that were read, by the names that the rig has for them.
-    maps: HashMap<String, Arc<EnvironmentMap>>,
+    pub(super) maps: Maps,
 }
 
-/// One table of a list, and where it begins.
-struct Table<'t, 'i> {
-    keys: &'t DeTable<'i>,
-    offset: usize,
-}
-
-impl<'t, 'i> Table<'t, 'i> {
-    fn find(&self, name: &str) -> Option<(usize, &'t Spanned<DeValue<'i>>)> {
-        let mut keys = self.keys.iter();
-        keys.find(|(key, _)| key.get_ref() == name).map(|(key, value)| (key.span().start, value))
+impl<'a> Reader<'a> {
+    /// A reader that looks for maps in `folder`, but for those in `maps`.
+    pub(super) fn new(folder: &'a Path, maps: Maps) -> Self {
+        Self { problems: Vec::new(), folder, maps }
     }
 
-    /// Where `name` is written, or where the table begins.
-    fn offset_of(&self, name: &str) -> usize {
-        self.find(name).map_or(self.offset, |(offset, _)| offset)
-    }
-}
-
-impl Reader<'_> {
-    fn problem(&mut self, offset: usize, message: String) {
+    pub(super) fn problem(&mut self, offset: usize, message: String) {
         self.problems.push(Problem { offset, message });
     }
 
-    fn rig(&mut self, document: &DeTable<'_>) -> LightRig {
+    pub(super) fn rig(&mut self, document: &Table) -> LightRig {
         let mut rig = LightRig::default();
-        for (key, value) in document {
-            let offset = key.span().start;
-            match key.get_ref().as_ref() {
-                "exposure" => rig.exposure = self.exposure(offset, value.get_ref()).unwrap_or_default(),
-                "light" => rig.lights = self.lights(offset, value.get_ref()),
-                "emitter" => rig.emitters = self.emitters(offset, value.get_ref()),
-                "material" => rig.materials = self.materials(offset, value.get_ref()),
+        for Entry { key, offset, value } in &document.entries {
+            let offset = *offset;
+            match key.as_str() {
+                "exposure" => rig.exposure = self.exposure(offset, value).unwrap_or_default(),
+                "light" => rig.lights = self.lights(offset, value),
+                "emitter" => rig.emitters = self.emitters(offset, value),
+                "material" => rig.materials = self.materials(offset, value),
                 unknown => {
-                    let mend = match near_miss(unknown, ["exposure", "light", "emitter", "material"]) {
+                    let mend = match near_miss(unknown, ["exposure", "light", "emitter", "material", "animate"]) {
                         Some(near) => format!("did you mean `{near}`?"),
                         None => {
-                            "a rig has `exposure`, [[light]], [[emitter]] and [[material]] tables".to_owned()
+                            "a rig has `exposure`, [[light]], [[emitter]], [[material]] and [[animate]] tables"
+                                .to_owned()
                         }
                     };
                     self.problem(offset, format!("unknown key `{unknown}`; {mend}"));
@@ -97,8 +67,8 @@ impl Reader<'_> {
         rig
     }
 
-    fn exposure(&mut self, offset: usize, value: &DeValue<'_>) -> Option<f32> {
-        let Some(exposure) = number(value) else {
+    fn exposure(&mut self, offset: usize, value: &Value) -> Option<f32> {
+        let Some(exposure) = value.number() else {
             return self.wrong_type(offset, "exposure", "a number, such as 0.0 (stops)", value);
         };
         if let Some(fault) = exposure_fault(exposure) {
@@ -108,9 +78,9 @@ impl Reader<'_> {
     }
 
     /// The tables of a list, each begun with `[[name]]`.
-    fn tables<'t, 'i>(&mut self, name: &str, offset: usize, value: &'t DeValue<'i>) -> Vec<Table<'t, 'i>> {
-        let DeValue::Array(items) = value else {
-            let written = described(value);
+    pub(super) fn tables<'t>(&mut self, name: &str, offset: usize, value: &'t Value) -> Vec<&'t Table> {
+        let Value::List(items) = value else {
+            let written = value.described();
             self.problem(
                 offset,
                 format!(
@@ -121,14 +91,13 @@ impl Reader<'_> {
         };
         let mut tables = Vec::new();
         for item in items {
-            let offset = item.span().start;
-            if let DeValue::Table(keys) = item.get_ref() {
-                tables.push(Table { keys, offset });
+            if let Value::Table(table) = &item.value {
+                tables.push(table);
             } else {
-                let written = described(item.get_ref());
-                let article = if name == "emitter" { "an" } else { "a" };
+                let written = item.value.described();
+                let article = if ["emitter", "animate"].contains(&name) { "an" } else { "a" };
                 self.problem(
-                    offset,
+                    item.offset,
                     format!(
                         "{article} {name} must be a table, not {written}; begin each {name} with [[{name}]]"
                     ),
@@ -138,10 +107,10 @@ impl Reader<'_> {
         tables
     }
 
-    fn lights(&mut self, offset: usize, value: &DeValue<'_>) -> Vec<Light> {
+    fn lights(&mut self, offset: usize, value: &Value) -> Vec<Light> {
         let mut lights: Vec<(usize, Light)> = Vec::new();
         for table in self.tables("light", offset, value) {
-            if let Some(light) = self.light(&table) {
+            if let Some(light) = self.light(table) {
                 lights.push((table.offset_of("name"), light));
             }
         }
@@ -154,7 +123,7 @@ impl Reader<'_> {
         lights.into_iter().map(|(_, light)| light).collect()
     }
 
-    fn emitters(&mut self, offset: usize, value: &DeValue<'_>) -> Vec<Emitter> {
+    fn emitters(&mut self, offset: usize, value: &Value) -> Vec<Emitter> {
         let make = |material: String, scale: Vec3| Emitter { material, scale };
         let read = self.all_named(offset, value, &EMITTER, make, emitter_faults);
         for (second, _) in repeated_names(read.iter().map(|(_, emitter)| emitter.material.as_str())) {
@@ -166,7 +135,7 @@ impl Reader<'_> {
         read.into_iter().map(|(_, emitter)| emitter).collect()
     }
 
-    fn materials(&mut self, offset: usize, value: &DeValue<'_>) -> Vec<MaterialEdit> {
+    fn materials(&mut self, offset: usize, value: &Value) -> Vec<MaterialEdit> {
         let make = |name: String, base_color: Vec3| MaterialEdit { name, base_color };
         let read = self.all_named(offset, value, &MATERIAL, make, edit_faults);
         for (second, _) in repeated_names(read.iter().map(|(_, edit)| edit.name.as_str())) {
@@ -182,7 +151,7 @@ impl Reader<'_> {
     fn all_named<T>(
         &mut self,
         offset: usize,
-        value: &DeValue<'_>,
+        value: &Value,
         kind: &NamedTable,
         make: impl Fn(String, Vec3) -> T,
         faults: impl Fn(&T) -> Vec<Fault>,
@@ -190,7 +159,7 @@ impl Reader<'_> {
         let mut read = Vec::new();
         for table in self.tables(kind.table, offset, value) {
             let before = self.problems.len();
-            let Some((name, color)) = self.named(&table, kind) else { continue };
+            let Some((name, color)) = self.named(table, kind) else { continue };
             let made = make(name, color);
             for (key, message) in faults(&made) {
                 self.problem(table.offset_of(key), message);
@@ -203,11 +172,12 @@ impl Reader<'_> {
     }
 
     /// `None` where the table has a problem, which is noted.
-    fn named(&mut self, table: &Table<'_, '_>, kind: &NamedTable) -> Option<(String, Vec3)> {
+    fn named(&mut self, table: &Table, kind: &NamedTable) -> Option<(String, Vec3)> {
         let keys = [kind.name, kind.color];
         let known = || keys.into_iter().map(|(key, _)| key);
-        for key in table.keys.keys().filter(|key| known().all(|name| name != key.get_ref())) {
-            let written = key.get_ref();
+        for Entry { key: written, offset, .. } in
+            table.entries.iter().filter(|entry| known().all(|name| name != entry.key))
+        {
             let mend = match near_miss(written, known()) {
                 Some(near) => format!("did you mean `{near}`?"),
                 None => {
@@ -215,34 +185,33 @@ impl Reader<'_> {
                     format!("{} {} has {all}", kind.article, kind.table)
                 }
             };
-            self.problem(key.span().start, format!("unknown key `{written}`; {mend}"));
+            self.problem(*offset, format!("unknown key `{written}`; {mend}"));
         }
         for (key, example) in keys {
             // a misspelt key is told as such, at its own line
-            let misspelt =
-                table.keys.keys().any(|written| near_miss(written.get_ref(), known()) == Some(key));
+            let misspelt = table.keys().any(|written| near_miss(written, known()) == Some(key));
             if table.find(key).is_none() && !misspelt {
-                let name = table.find(kind.name.0).and_then(|(_, value)| value.get_ref().as_str());
+                let name = table.find(kind.name.0).and_then(|entry| entry.value.text());
                 let this =
                     name.map_or(format!("this {}", kind.table), |name| format!("{} `{name}`", kind.table));
                 self.problem(table.offset, format!("{this} has no `{key}`; add {key} = {example}"));
             }
         }
         let (key, _) = kind.name;
-        let name = table.find(key).and_then(|(offset, value)| match value.get_ref().as_str() {
-            Some(name) => Some(name.to_owned()),
-            None => self.wrong_type(offset, key, "text in quotes", value.get_ref()),
+        let name = table.find(key).and_then(|Entry { offset, value, .. }| match value {
+            Value::Text(name) => Some(name.clone()),
+            _ => self.wrong_type(*offset, key, "text in quotes", value),
         });
         let (key, example) = kind.color;
-        let color = table.find(key).and_then(|(offset, value)| {
+        let color = table.find(key).and_then(|Entry { offset, value, .. }| {
             let wanted = format!("three numbers, such as {example}");
-            three_numbers(value.get_ref()).or_else(|| self.wrong_type(offset, key, &wanted, value.get_ref()))
+            value.three_numbers().or_else(|| self.wrong_type(*offset, key, &wanted, value))
         });
         Some((name?, color?))
     }
 
     /// `None` where the light has a problem, which is noted.
-    fn light(&mut self, table: &Table<'_, '_>) -> Option<Light> {
+    fn light(&mut self, table: &Table) -> Option<Light> {
         let before = self.problems.len();
         let light_type = self.light_type(table)?;
         self.refuse_unknown_keys(table, light_type);
@@ -256,7 +225,7 @@ impl Reader<'_> {
         (self.problems.len() == before).then_some(light)
     }
 
-    fn kind(&mut self, table: &Table<'_, '_>, light_type: LightType) -> Option<LightKind> {
+    fn kind(&mut self, table: &Table, light_type: LightType) -> Option<LightKind> {
         let mut triple = |key| self.triple(table, light_type, key);
         // Every value is read before any is asked for, so that each problem is noted.
         match light_type {
@@ -289,7 +258,7 @@ impl Reader<'_> {
                 let intensity = triple("intensity");
                 let rotation = self.number(table, light_type, "rotation");
                 let map = match table.find(MAP) {
-                    Some((offset, value)) => self.map(offset, value.get_ref()).map(Some),
+                    Some(entry) => self.map(entry).map(Some),
                     None => Some(None),
                 };
                 Some(LightKind::Dome { map: map?, intensity: intensity?, rotation: rotation? })
@@ -298,33 +267,33 @@ impl Reader<'_> {
     }
 
     /// The map of a dome; `None` where it cannot be read, which is noted.
-    fn map(&mut self, offset: usize, value: &DeValue<'_>) -> Option<Arc<EnvironmentMap>> {
-        let DeValue::String(name) = value else {
-            return self.wrong_type(offset, MAP, "the name of an .hdr or .exr file in quotes", value);
+    fn map(&mut self, Entry { offset, value, .. }: &Entry) -> Option<Arc<EnvironmentMap>> {
+        let Value::Text(name) = value else {
+            return self.wrong_type(*offset, MAP, "the name of an .hdr or .exr file in quotes", value);
         };
-        if let Some(map) = self.maps.get(name.as_ref()) {
+        if let Some(map) = self.maps.get(name) {
             return Some(Arc::clone(map));
         }
-        match read_environment(self.folder.join(name.as_ref()), name) {
+        match read_environment(self.folder.join(name), name) {
             Ok(map) => {
                 let map = Arc::new(map);
-                self.maps.insert(name.clone().into_owned(), Arc::clone(&map));
+                self.maps.insert(name.clone(), Arc::clone(&map));
                 Some(map)
             }
             Err(error) => {
-                self.problem(offset, format!("`map`: {error}"));
+                self.problem(*offset, format!("`map`: {error}"));
                 None
             }
         }
     }
 
-    fn light_type(&mut self, table: &Table<'_, '_>) -> Option<LightType> {
-        let Some((offset, value)) = table.find("type") else {
-            let near = table.keys.keys().find(|key| near_miss(key.get_ref(), ["type"]).is_some());
+    fn light_type(&mut self, table: &Table) -> Option<LightType> {
+        let Some(Entry { offset, value, .. }) = table.find("type") else {
+            let near = table.entries.iter().find(|entry| near_miss(&entry.key, ["type"]).is_some());
             match near {
-                Some(key) => {
-                    let message = format!("unknown key `{}`; did you mean `type`?", key.get_ref());
-                    self.problem(key.span().start, message);
+                Some(entry) => {
+                    let message = format!("unknown key `{}`; did you mean `type`?", entry.key);
+                    self.problem(entry.offset, message);
                 }
                 None => {
                     let message = format!("this light has no `type`; add type = {}", LightType::CHOICE);
@@ -333,8 +302,8 @@ impl Reader<'_> {
             }
             return None;
         };
-        let DeValue::String(written) = value.get_ref() else {
-            return self.wrong_type(offset, "type", LightType::CHOICE, value.get_ref());
+        let Value::Text(written) = value else {
+            return self.wrong_type(*offset, "type", LightType::CHOICE, value);
         };
         let found = LightType::ALL.into_iter().find(|light_type| light_type.name() == written);
         if found.is_none() {
@@ -343,16 +312,17 @@ impl Reader<'_> {
                 Some(near) => format!("did you mean \"{near}\"?"),
                 None => format!("use {}", LightType::CHOICE),
             };
-            self.problem(offset, format!("unknown type \"{written}\"; {mend}"));
+            self.problem(*offset, format!("unknown type \"{written}\"; {mend}"));
         }
         found
     }
 
-    fn refuse_unknown_keys(&mut self, table: &Table<'_, '_>, light_type: LightType) {
+    fn refuse_unknown_keys(&mut self, table: &Table, light_type: LightType) {
         let type_name = light_type.name();
         let known = || light_type.keys().iter().map(|key| key.name);
-        for key in table.keys.keys().filter(|key| light_type.key(key.get_ref()).is_none()) {
-            let written = key.get_ref().as_ref();
+        for Entry { key: written, offset, .. } in
+            table.entries.iter().filter(|entry| light_type.key(&entry.key).is_none())
+        {
             let owner = LightType::ALL.into_iter().find(|other| other.key(written).is_some());
             let all = || known().collect::<Vec<_>>().join(", ");
             let message = match (owner, near_miss(written, known())) {
@@ -368,31 +338,31 @@ impl Reader<'_> {
                     format!("unknown key `{written}`; a light of type \"{type_name}\" has {}", all())
                 }
             };
-            self.problem(key.span().start, message);
+            self.problem(*offset, message);
         }
     }
 
-    fn text(&mut self, table: &Table<'_, '_>, light_type: LightType, key: &'static str) -> Option<String> {
+    fn text(&mut self, table: &Table, light_type: LightType, key: &'static str) -> Option<String> {
         match table.find(key) {
-            Some((_, value)) if value.get_ref().is_str() => value.get_ref().as_str().map(str::to_owned),
-            Some((offset, value)) => self.wrong_type(offset, key, "text in quotes", value.get_ref()),
+            Some(Entry { value: Value::Text(text), .. }) => Some(text.clone()),
+            Some(Entry { offset, value, .. }) => self.wrong_type(*offset, key, "text in quotes", value),
             None => self.missing(table, light_type, key),
         }
     }
 
-    fn switch(&mut self, table: &Table<'_, '_>, key: &'static str) -> Option<bool> {
+    fn switch(&mut self, table: &Table, key: &'static str) -> Option<bool> {
         match table.find(key) {
-            Some((_, value)) if value.get_ref().is_bool() => value.get_ref().as_bool(),
-            Some((offset, value)) => self.wrong_type(offset, key, "true or false", value.get_ref()),
+            Some(Entry { value: Value::Switch(switch), .. }) => Some(*switch),
+            Some(Entry { offset, value, .. }) => self.wrong_type(*offset, key, "true or false", value),
             None => Some(true),
         }
     }
 
-    fn number(&mut self, table: &Table<'_, '_>, light_type: LightType, key: &'static str) -> Option<f32> {
+    fn number(&mut self, table: &Table, light_type: LightType, key: &'static str) -> Option<f32> {
         match table.find(key) {
-            Some((offset, value)) => number(value.get_ref()).or_else(|| {
+            Some(Entry { offset, value, .. }) => value.number().or_else(|| {
                 let example = light_type.key(key).map_or("1.0", |key| key.example);
-                self.wrong_type(offset, key, &format!("a number, such as {example}"), value.get_ref())
+                self.wrong_type(*offset, key, &format!("a number, such as {example}"), value)
             }),
             None => light_type
                 .key(key)
@@ -401,32 +371,38 @@ impl Reader<'_> {
         }
     }
 
-    fn triple(&mut self, table: &Table<'_, '_>, light_type: LightType, key: &'static str) -> Option<Vec3> {
-        let Some((offset, value)) = table.find(key) else {
+    fn triple(&mut self, table: &Table, light_type: LightType, key: &'static str) -> Option<Vec3> {
+        let Some(Entry { offset, value, .. }) = table.find(key) else {
             let default = light_type.key(key).and_then(|key| key.default);
             return default.map(Vec3::splat).or_else(|| self.missing(table, light_type, key));
         };
-        three_numbers(value.get_ref()).or_else(|| {
+        value.three_numbers().or_else(|| {
             let example = light_type.key(key).map_or("[1.0, 1.0, 1.0]", |key| key.example);
-            self.wrong_type(offset, key, &format!("three numbers, such as {example}"), value.get_ref())
+            self.wrong_type(*offset, key, &format!("three numbers, such as {example}"), value)
         })
     }
 
     /// Notes that `key` is of the wrong type; `None` for the caller to hand on.
-    fn wrong_type<T>(&mut self, offset: usize, key: &str, wanted: &str, written: &DeValue<'_>) -> Option<T> {
-        self.problem(offset, format!("`{key}` must be {wanted}, not {}", described(written)));
+    pub(super) fn wrong_type<T>(
+        &mut self,
+        offset: usize,
+        key: &str,
+        wanted: &str,
+        written: &Value,
+    ) -> Option<T> {
+        self.problem(offset, format!("`{key}` must be {wanted}, not {}", written.described()));
         None
     }
 
-    fn missing<T>(&mut self, table: &Table<'_, '_>, light_type: LightType, key: &'static str) -> Option<T> {
+    fn missing<T>(&mut self, table: &Table, light_type: LightType, key: &'static str) -> Option<T> {
         // A misspelt key is told as such, at its own line.
-        let misspelt = table.keys.keys().any(|written| {
-            light_type.key(written.get_ref()).is_none()
-                && near_miss(written.get_ref(), light_type.keys().iter().map(|key| key.name)) == Some(key)
+        let misspelt = table.keys().any(|written| {
+            light_type.key(written).is_none()
+                && near_miss(written, light_type.keys().iter().map(|key| key.name)) == Some(key)
         });
         if !misspelt {
             let type_name = light_type.name();
-            let light = match table.find("name").and_then(|(_, value)| value.get_ref().as_str()) {
+            let light = match table.find("name").and_then(|entry| entry.value.text()) {
                 Some(name) => format!("{type_name} light `{name}`"),
                 None => format!("{type_name} light"),
             };
@@ -434,41 +410,5 @@ impl Reader<'_> {
             self.problem(table.offset, format!("this {light} has no `{key}`; add {key} = {example}"));
         }
         None
-    }
-}
-
-fn three_numbers(value: &DeValue<'_>) -> Option<Vec3> {
-    let components: Option<Vec<f32>> =
-        value.as_array().and_then(|array| array.iter().map(|item| number(item.get_ref())).collect());
-    match components.as_deref() {
-        Some(&[x, y, z]) => Some(Vec3::new(x, y, z)),
-        _ => None,
-    }
-}
-
-/// The f32 nearest to what is written, which TOML's f64 would round twice.
-fn number(value: &DeValue<'_>) -> Option<f32> {
-    match value {
-        DeValue::Float(float) => float.as_str().parse().ok(),
-        DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok(),
-        DeValue::Integer(integer) => {
-            i64::from_str_radix(integer.as_str(), integer.radix()).ok().map(|integer| integer as f32)
-        }
-        _ => None,
-    }
-}
-
-/// A value's type in an artist's words.
-fn described(value: &DeValue<'_>) -> String {
-    match value {
-        DeValue::String(_) => "text".to_owned(),
-        DeValue::Integer(_) | DeValue::Float(_) => "one number".to_owned(),
-        DeValue::Boolean(switch) => switch.to_string(),
-        DeValue::Datetime(_) => "a date".to_owned(),
-        DeValue::Table(_) => "one table".to_owned(),
-        DeValue::Array(array) if array.iter().all(|item| number(item.get_ref()).is_some()) => {
-            format!("a list of {}", array.len())
-        }
-        DeValue::Array(_) => "a list with something other than numbers".to_owned(),
     }
 }

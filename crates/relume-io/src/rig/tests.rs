@@ -286,7 +286,7 @@ fn problems_are_told_with_their_line() {
         (spot("exposure", "exposur"), "line 1: unknown key `exposur`; did you mean `exposure`?"),
         (
             spot("exposure", "gamma"),
-            "line 1: unknown key `gamma`; a rig has `exposure`, [[light]], [[emitter]] and [[material]] tables",
+            "line 1: unknown key `gamma`; a rig has `exposure`, [[light]], [[emitter]], [[material]] and [[animate]] tables",
         ),
         (OMNI.replace("[[light]]", "[[lights]]"), "line 1: unknown key `lights`; did you mean `light`?"),
         (

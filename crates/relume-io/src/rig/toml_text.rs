@@ -4,7 +4,7 @@ use relume::{Light, LightKind, LightRig};
 use super::keys::{LightType, MAP};
 
 /// `rig` as TOML text that [`super::parse_rig`] reads back bit for bit, as long as the rig is usable at all
-/// ([`super::save_rig`] checks this).
+/// ([`super::save_rig`] checks this). Nothing in it is animated.
 pub fn rig_to_toml(rig: &LightRig) -> String {
     let mut text = String::from(
         "# A Relume light rig: metres, degrees, W/sr (intensity), W/m^2 (irradiance), linear RGB.\n\n",

@@ -23,6 +23,20 @@ pub(crate) fn check_output(path: &Path, what: &str, endings: &[&str], inputs: &[
             format!("the folder {} does not exist; create it or name another one", folder.display()),
         ));
     }
+    check_replaced(path, inputs)?;
+    tempfile::Builder::new()
+        .prefix(".relume-")
+        .suffix(".tmp")
+        .tempfile_in(folder)
+        .map(drop)
+        .map_err(|error| Error::io(path, "write", error))
+}
+
+/// Refuses an output in the place of what must not be replaced.
+///
+/// # Errors
+/// [`Error::File`] where `path` is one of `inputs`, or is there and no regular file.
+pub(crate) fn check_replaced(path: &Path, inputs: &[&Path]) -> Result<()> {
     if path.exists() && !path.is_file() {
         return Err(Error::file(path, "is there already and is no regular file; name another file"));
     }
@@ -32,12 +46,7 @@ pub(crate) fn check_output(path: &Path, what: &str, endings: &[&str], inputs: &[
             "is an input of this command and would be overwritten; name another file",
         ));
     }
-    tempfile::Builder::new()
-        .prefix(".relume-")
-        .suffix(".tmp")
-        .tempfile_in(folder)
-        .map(drop)
-        .map_err(|error| Error::io(path, "write", error))
+    Ok(())
 }
 
 /// The folder `path` lies in.
@@ -84,6 +93,11 @@ impl ImageOutput {
 
     pub(crate) fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// The same under another name in its folder.
+    pub(crate) fn renamed(&self, path: PathBuf) -> Self {
+        Self { path, kind: self.kind }
     }
 
     /// Writes a frame: all its layers and `attributes` as EXR, or the full image as it is shown.

@@ -41,6 +41,13 @@ pub(crate) fn count(number: u64) -> String {
     grouped
 }
 
+/// The value below which the share `rank` of all lies.
+pub(crate) fn quantile(mut values: Vec<f64>, rank: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let place = (values.len().saturating_sub(1) as f64 * rank).round() as usize;
+    values.get(place).copied().unwrap_or(f64::NAN)
+}
+
 /// How much of the transfer was applied.
 pub(crate) fn culled(multiply_adds: u64, culled: u64) -> String {
     let share = culled as f64 / multiply_adds.max(1) as f64;
@@ -125,6 +132,13 @@ mod tests {
         assert_eq!([0, 12, 262_267, 1_000_000].map(count), ["0", "12", "262,267", "1,000,000"]);
         assert_eq!(percent(0.03456), "3.46%");
         assert_eq!(plural(1, "mesh", "meshes"), "1 mesh");
+    }
+
+    #[test]
+    fn quantiles_are_values_that_occurred() {
+        assert_eq!(quantile(vec![3.0, 1.0, 2.0], 0.5), 2.0);
+        assert_eq!(quantile((0..101).map(f64::from).collect(), 0.95), 95.0);
+        assert!(quantile(Vec::new(), 0.5).is_nan());
     }
 
     #[test]

@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use crate::arguments::{Culling, Threads, antialiasing};
 use crate::console::Console;
-use crate::report::{Table, bytes, count, culled, plural};
+use crate::report::{Table, bytes, count, culled, plural, quantile};
 
 use ceiling::Ceiling;
 use stages::Stage;
@@ -209,13 +209,6 @@ fn diagonal(transfer: &Transfer) -> f32 {
     low.distance(high)
 }
 
-/// The value below which the share `rank` of all lies.
-fn quantile(mut values: Vec<f64>, rank: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let place = (values.len().saturating_sub(1) as f64 * rank).round() as usize;
-    values.get(place).copied().unwrap_or(f64::NAN)
-}
-
 fn median(frames: &[FrameStats], of: impl Fn(&FrameStats) -> f64) -> f64 {
     quantile(frames.iter().map(of).collect(), 0.5)
 }
@@ -338,12 +331,5 @@ mod tests {
         }
         let LightKind::Omni { position, .. } = moved(&light("a", omni()), 0.5, 0.1).kind else { panic!() };
         assert!((position - Vec3::new(0.8, 1.0, 1.0)).length() < 1e-5);
-    }
-
-    #[test]
-    fn quantiles_are_values_that_occurred() {
-        assert_eq!(quantile(vec![3.0, 1.0, 2.0], 0.5), 2.0);
-        assert_eq!(quantile((0..101).map(f64::from).collect(), 0.95), 95.0);
-        assert!(quantile(Vec::new(), 0.5).is_nan());
     }
 }

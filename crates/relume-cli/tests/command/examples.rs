@@ -48,6 +48,9 @@ fn smaller(mut arguments: Vec<String>) -> Vec<String> {
         Some("prepare") => &[("--size", &size), ("--gather", "256"), ("--quality", "draft")],
         Some("reference") => &[("--size", &size), ("--spp", "2")],
         Some("bench") => &[("--frames", "1")],
+        Some("relight") if arguments.iter().any(|argument| argument == "--animate") => {
+            &[("--frames", "1..2")]
+        }
         Some("demo") => &[("--size", &size), ("--gather", "1024"), ("--spp", "2")],
         _ => &[],
     };

@@ -6,6 +6,7 @@ mod examples;
 mod farm;
 mod jobs;
 mod refusals;
+mod sequence;
 mod support;
 #[cfg(unix)]
 mod unfinished;

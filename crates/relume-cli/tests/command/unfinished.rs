@@ -6,6 +6,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use crate::sequence::moving;
 use crate::support::{Ran, SMALL, Workplace, shared};
 
 /// Runs the command, sends `signal` once it says that the stage `stage` begins, and waits for its end.
@@ -60,6 +61,46 @@ fn an_interrupted_job_says_so_and_leaves_nothing() {
         assert_eq!(errors(&ran), ["error: interrupted; no file is left half written"], "{}", ran.stderr);
         assert_eq!(names(&work), before, "{arguments:?}");
     }
+}
+
+/// Frames that were written stay, and all of them are whole, also where nobody took the unfinished one away.
+#[test]
+fn an_interrupted_sequence_leaves_whole_frames() {
+    let work = Workplace::prepared();
+    work.write("moving.toml", moving().as_bytes());
+    let before = names(&work);
+    let animate = ["relight", "room.relume", "--animate", "moving.toml", "--frames", "1..100000"];
+    for (signal, status) in [("INT", 130), ("TERM", 130), ("KILL", -1)] {
+        let to_files = [&animate[..], &["-o", "shot.######.png"]].concat();
+        let ran = interrupted(&work, &to_files, "relighting frames", signal);
+        assert_eq!((ran.status, ran.stdout.as_str()), (status, ""), "{}", ran.stderr);
+        let told = ["error: interrupted; no file is left half written"];
+        assert_eq!(errors(&ran), told[..usize::from(status == 130)], "{}", ran.stderr);
+        let is_hidden = |name: &String| name.starts_with(".relume-");
+        let mut left: Vec<String> = names(&work).into_iter().filter(|name| !before.contains(name)).collect();
+        assert!(left.len() < 10_000 && (status == -1 || !left.iter().any(is_hidden)), "{left:?}");
+        left.retain(|name| std::fs::metadata(work.path(name)).is_ok() && !is_hidden(name));
+        for (place, name) in left.iter().enumerate() {
+            assert_eq!(*name, format!("shot.{:06}.png", place + 1), "none is left out");
+            assert_eq!(relume_io::read_png(work.path(name)).unwrap().width, 32, "{signal}: {name}");
+        }
+        let left = names(&work).into_iter().filter(|name| !before.contains(name));
+        left.for_each(|name| std::fs::remove_file(work.path(&name)).unwrap());
+    }
+    // whoever reads raw frames gets whole ones
+    let ran = work
+        .command(&[&animate[..], &["-o", "-"]].concat())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn();
+    let mut child = ran.unwrap();
+    let mut reader = child.stdout.take().unwrap();
+    let mut read = vec![0; 32 * 24 * 3];
+    reader.read_exact(&mut read).unwrap();
+    let sent = Command::new("sh").args(["-c", &format!("kill -INT {}", child.id())]).status().unwrap();
+    assert!(sent.success());
+    reader.read_to_end(&mut read).unwrap();
+    assert_eq!((child.wait().unwrap().code(), read.len() % (32 * 24 * 3)), (Some(130), 0));
 }
 
 /// Asked to stop or killed, the same command goes on from the blocks that are done, to the same bytes.
@@ -175,12 +216,14 @@ fn short_of_space(work: &Workplace, blocks: u32, arguments: &[&str]) -> Ran {
 #[test]
 fn without_space_the_job_fails_and_leaves_nothing() {
     let work = Workplace::prepared();
+    work.write("moving.toml", moving().as_bytes());
     let before = names(&work);
     let relight = |output| ["relight", "room.relume", "--rig", "rig.toml", "-o", output];
+    let sequence = ["relight", "room.relume", "--animate", "moving.toml", "-o", "more.#.exr"];
     let prepare = [&["prepare", "room.gltf", "-o", "more.relume"][..], &SMALL].concat();
     let reference =
         ["reference", "room.gltf", "--rig", "rig.toml", "-o", "truth.exr", "--spp", "8", "--size", "64x48"];
-    let jobs = [&prepare[..], &relight("more.exr"), &relight("more.png"), &reference];
+    let jobs = [&prepare[..], &relight("more.exr"), &relight("more.png"), &sequence, &reference];
     for arguments in jobs {
         let ran = short_of_space(&work, 1, arguments);
         assert_eq!((ran.status, ran.stdout.as_str()), (1, ""), "{arguments:?}: {}", ran.stderr);

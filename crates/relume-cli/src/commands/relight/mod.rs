@@ -9,7 +9,7 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 use relume::relight::RelightSettings;
 use relume::{Error, LightKind, LightRig, Relighter, Result, Transfer};
 use relume_io::{Attribute, check_materials};
@@ -25,19 +25,19 @@ use destination::Raw;
 /// With --animate, a sequence of frames: files that are numbered, or raw pixels on stdout for another program to read. Where
 /// that program goes away before the last frame, the job fails with status 1.
 #[derive(Args)]
-#[command(after_help = EXAMPLE)]
+#[command(after_help = EXAMPLE, group = ArgGroup::new(LIGHTS).required(true))]
 pub(crate) struct Arguments {
     /// The cache that `relume prepare` wrote.
     cache: PathBuf,
     /// The lights, how emissive materials shine, and base colours in place of the scene's (for diffuse reflection). Of an
     /// animated rig, its first keyed frame.
-    #[arg(long, value_name = "RIG.toml", required_unless_present = "animate", conflicts_with = "animate")]
+    #[arg(long, value_name = "RIG.toml", group = LIGHTS)]
     rig: Option<PathBuf>,
-    /// The same with [[animate]] tables: a sequence of frames.
-    #[arg(long, value_name = "RIG.toml")]
+    /// The same, animated by values at keyed frames: a sequence of frames.
+    #[arg(long, value_name = "RIG.toml", group = LIGHTS)]
     animate: Option<PathBuf>,
     /// Frames of the sequence, both included, or one [default: from the first keyed frame to the last].
-    #[arg(long, value_name = "A..B", requires = "animate", allow_hyphen_values = true,
+    #[arg(long, value_name = "A..B", conflicts_with = "rig", allow_hyphen_values = true,
           value_parser = numbering::frames)]
     frames: Option<RangeInclusive<i32>>,
     /// The image to write: .exr is scene-linear with layers, .png is as a display shows it. Of a sequence, with one group of #
@@ -45,7 +45,7 @@ pub(crate) struct Arguments {
     #[arg(short, long, value_name = "OUT.exr|OUT.png|-")]
     output: PathBuf,
     /// The pixels on stdout [default: rgb24].
-    #[arg(long, value_enum, value_name = "FORMAT", requires = "animate")]
+    #[arg(long, value_enum, value_name = "FORMAT", conflicts_with = "rig")]
     raw: Option<Raw>,
     /// Indirect bounces [default: all].
     #[arg(long, value_name = "N")]
@@ -73,6 +73,9 @@ pub(crate) struct Arguments {
     #[arg(long)]
     json: bool,
 }
+
+/// Where the lights come from: a rig, or an animated one.
+const LIGHTS: &str = "lights";
 
 const EXAMPLE: &str = "\
 Example:

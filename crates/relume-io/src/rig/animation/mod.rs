@@ -131,10 +131,15 @@ impl AnimatedRig {
             let frames: BTreeSet<i32> = tracks.iter().flat_map(|track| &track.frames).copied().collect();
             for frame in frames.into_iter().map(f64::from) {
                 reader.rig(&self.alone_at(place, &tracks, frame));
-                problems.extend(reader.problems.drain(..).map(|problem| at_frame(frame, problem)));
+                for problem in reader.problems.drain(..) {
+                    // a value that is written is told before those that it leads to at keys of other fields
+                    let written = tracks.iter().any(|track| track.is_written(frame, problem.offset));
+                    problems.push((!written, at_frame(frame, problem)));
+                }
             }
         }
-        first(problems).map_or(Ok(()), Err)
+        let first = problems.into_iter().min_by_key(|(between, problem)| (*between, problem.offset));
+        first.map_or(Ok(()), |(_, problem)| Err(problem))
     }
 
     fn document_at(&self, frame: f64) -> Table {

@@ -76,6 +76,12 @@ impl Track {
         };
         Entry { key: self.field.clone(), offset: key.offset, value }
     }
+
+    /// Whether the value at `offset` is that of a key at `frame`.
+    pub(super) fn is_written(&self, frame: f64, offset: usize) -> bool {
+        let key = key_before(&self.frames, frame);
+        f64::from(self.frames[key]) == frame && self.values[key].offset == offset
+    }
 }
 
 /// What all values of a track have in common.

@@ -83,7 +83,8 @@ fn frames_are_numbered_and_each_is_what_one_alone_is() {
     assert_eq!(single("moving.toml", "single.png", &[]), frames[0], "other commands read the first frame");
     assert_eq!(single("second.toml", "single.png", &[]), frames[1]);
     // every option does to a frame what it does to one alone
-    let options = ["--per-light", "--bounces", "1", "--aa", "1", "--only", "indirect", "--cull", "0.1"];
+    let options =
+        ["--per-light", "--bounces", "1", "--aa", "1", "--only", "indirect", "--cull", "0.1", "--preview"];
     work.succeed(&[&ANIMATE[..], &["--frames", "2", "-o", "second_#.exr"], &options].concat());
     assert_eq!(single("second.toml", "single.exr", &options), work.read("second_2.exr"));
     let options = ["--tonemap", "agx"];

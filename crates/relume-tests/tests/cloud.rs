@@ -2,8 +2,8 @@
 
 use relume::glam::{Vec2, Vec3};
 use relume::sample::{
-    CellMap, CloudMethod, CloudSettings, GatherCloud, GatherSample, SUB_SAMPLES, SubSample, ViewSamples,
-    illuminate,
+    CellMap, CloudMethod, CloudSettings, Detail, GatherCloud, GatherSample, SUB_SAMPLES, SubSample,
+    ViewSamples, illuminate, illuminate_with,
 };
 use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef, Wrap};
 use relume::shade::{PreparedLight, shadow_ray};
@@ -11,7 +11,7 @@ use relume::trace::sampling::{hash, unit};
 use relume::trace::{Hit, Ray};
 use relume::{Error, Light};
 use relume_tests::scenes::{
-    SceneBuilder, TestScene, box_room, empty_room, integrating_sphere, lambertian, omni,
+    SceneBuilder, TestScene, box_room, empty_room, integrating_sphere, lambertian, omni, spot,
 };
 
 /// What a camera of 40x30 pixels makes of the scene.
@@ -431,4 +431,38 @@ fn shadows_fall_on_the_cloud_where_they_should() {
     assert!(dark > 10 && bright > 50, "{dark} dark, {bright} bright");
     // a shadow half a metre beside it
     assert!(judged(Vec3::new(2.5, 0.0, 2.5)).2 > 10);
+}
+
+/// A floor beneath a spot, and a lid between the two where `lid` says so.
+fn beneath_a_spot(lid: bool) -> (TestScene, Light) {
+    let mut builder = SceneBuilder::new();
+    let grey = builder.material(lambertian(Vec3::splat(0.5)));
+    builder.disc(Vec3::ZERO, Vec3::Y, 3.0, 48, grey).camera(
+        Vec3::new(0.0, 6.0, 5.0),
+        Vec3::new(0.0, 0.5, 0.0),
+        60.0,
+    );
+    if lid {
+        builder.disc(Vec3::new(0.0, 2.5, 0.0), Vec3::Y, 1.0, 48, grey);
+    }
+    let kind = spot(Vec3::new(0.0, 3.0, 0.0), Vec3::ZERO, Vec3::splat(10.0), (20.0, 30.0));
+    (builder.build(), Light { name: "spot".into(), enabled: true, kind })
+}
+
+/// The rim of a spot's cone crosses patches, parts of which ask for nothing: coarse light must not take that for an answer.
+#[test]
+fn coarse_light_has_the_rim_of_a_spot_and_none_of_it_in_shadow() {
+    let power = |lid: bool, detail: Detail| {
+        let (built, light) = beneath_a_spot(lid);
+        let (cloud, _) = gather(&built, 1024, 3).unwrap();
+        let lit = illuminate_with(&cloud, &built.accel, &light, detail);
+        let floor = cloud.surfaces().iter().zip(&lit.radiance).filter(|(sample, _)| sample.position.y < 1.0);
+        (floor.map(|(sample, radiance)| sample.area * radiance.x).sum::<f32>(), lit.shadow_rays)
+    };
+    let [full, coarse] = [Detail::Full, Detail::Coarse].map(|detail| power(false, detail));
+    assert!(full.0 > 0.1 && (coarse.0 / full.0 - 1.0).abs() < 1e-5, "{coarse:?} of {full:?}");
+    assert!(coarse.1 <= full.1, "{coarse:?} {full:?}");
+    for detail in [Detail::Full, Detail::Coarse] {
+        assert_eq!(power(true, detail).0, 0.0, "{detail:?}");
+    }
 }

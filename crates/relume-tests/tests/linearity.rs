@@ -257,6 +257,23 @@ fn a_preview_lights_coarsely_what_moved_and_the_frame_after_it_is_whole() {
     }
 }
 
+/// What emits is seen coarsely as well, and anew in the frame after it.
+#[test]
+fn a_preview_of_what_emits_follows_fewer_bounces() {
+    let transfer = Arc::new(prepare(&room_with_a_lamp(), tiny()));
+    let mut relighter = Relighter::new(Arc::clone(&transfer));
+    let whole = RelightSettings::default();
+    let dark = LightRig::default();
+    let coarse = relighter.relight(&dark, &RelightSettings { preview: true, ..whole }).unwrap();
+    let steps = relighter.stats().bounce_steps;
+    let fine = relighter.relight(&dark, &whole).unwrap();
+    assert!(steps < relighter.stats().bounce_steps, "{steps} of {}", relighter.stats().bounce_steps);
+    assert!(same(&fine, &relight_afresh(&transfer, &dark, &whole)));
+    let off = difference(&coarse, &fine);
+    println!("off by {off:.5}");
+    assert!(off > 0.0 && off < 0.02, "{off}");
+}
+
 /// Asks to stop once `lights` are done.
 struct StopAfter {
     lights: u64,

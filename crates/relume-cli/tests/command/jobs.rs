@@ -1,7 +1,7 @@
 use std::process::Stdio;
 
 use relume::glam::Vec3;
-use relume_io::{load_rig, read_exr, read_png};
+use relume_io::{Attribute, ExrImage, load_rig, read_exr, read_png};
 
 use crate::examples::try_what_is_told;
 use crate::support::{SMALL, Workplace, numbers, shared};
@@ -129,6 +129,29 @@ fn a_cache_needs_nothing_of_the_scene() {
     std::fs::rename(work.path("room.relume"), work.path("elsewhere/moved.relume")).unwrap();
     work.succeed(&["relight", "elsewhere/moved.relume", "--rig", "rig.toml", "-o", "after.exr"]);
     assert_eq!(work.read("before.exr"), work.read("after.exr"));
+}
+
+#[test]
+fn a_preview_is_told_and_is_coarser() {
+    let work = Workplace::prepared();
+    let relit = |output: &str, options: &[&str]| {
+        let command = ["relight", "room.relume", "--rig", "rig.toml", "-o", output];
+        let told = work.json(&[&command[..], options].concat(), &["shadow_rays"]);
+        (told["preview"].as_bool().unwrap(), told["shadow_rays"].as_u64().unwrap())
+    };
+    let (whole, preview) = (relit("whole.exr", &[]), relit("preview.exr", &["--preview"]));
+    assert_eq!([whole.0, preview.0], [false, true]);
+    assert!(2 * preview.1 < whole.1, "{} shadow rays for {}", preview.1, whole.1);
+    let [whole, preview] = ["whole.exr", "preview.exr"].map(|name| read_exr(work.path(name)).unwrap());
+    let quality = |image: &ExrImage| {
+        let of = |(name, value): &(String, Attribute)| (name == "relume:quality").then(|| value.clone());
+        image.attributes.iter().find_map(of)
+    };
+    assert_eq!(quality(&whole), Some(Attribute::Text("full".to_owned())));
+    assert_eq!(quality(&preview), Some(Attribute::Text("preview".to_owned())));
+    assert!(work.read("whole.exr") != work.read("preview.exr"));
+    let frames = ["bench", "room.relume", "--rig", "rig.toml", "--frames", "2", "--preview"];
+    assert!(work.succeed(&frames).stdout.contains(", preview"));
 }
 
 #[test]

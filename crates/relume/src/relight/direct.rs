@@ -12,7 +12,7 @@ use crate::trace::{Accel, Ray};
 
 /// Shadow rays a pixel towards a light with extent, spread over its samples. More make soft shadows smoother.
 const SOFT_RAYS: usize = 16;
-/// The same in a preview.
+/// The same in a preview, where towards a light without extent there is one.
 const PREVIEW_SOFT_RAYS: usize = 4;
 /// Samples that one task shades.
 const CHUNK: usize = 2048;
@@ -60,7 +60,7 @@ pub(super) fn direct(
                 Seen { sample, view, throughput: Vec3::ONE }
             });
             let add = |index: usize, radiance| pixels[index / a_pixel] += radiance * share;
-            if settings.preview && rays == 1 {
+            if settings.preview && !prepared.needs_samples() {
                 shading.run_shared(seen, (first, a_pixel), add)
             } else {
                 shading.run(seen, first, add)

@@ -19,7 +19,7 @@ pub(super) struct Glow {
     materials: Vec<u32>,
     settings: RelightSettings,
     /// What it was multiplied by in the last frame; `None` where that had other groups.
-    scale: Option<Vec3>,
+    pub(super) scale: Option<Vec3>,
     lit: Lit,
 }
 
@@ -112,7 +112,7 @@ impl Relighter {
         if settings.only != Only::Direct && settings.bounces != Some(0) {
             let began = Instant::now();
             let times = settings.bounces.map(|bounces| bounces - 1);
-            let (bounce, bounces) = (&transfer.bounce, self.edits.bounces(&self.bounces));
+            let (bounce, bounces) = (&transfer.bounce, self.bounces_for(settings));
             let bounced = bounces.sum_reflected(bounce, emitted, times, settings.epsilon(bounce));
             lit.indirect.pixels = self.gather_bounced(bounced, began, settings);
         }

@@ -9,6 +9,7 @@ mod edits;
 mod emission;
 mod upsample;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -55,9 +56,10 @@ pub struct RelightSettings {
     /// if its parts are independent; what comes of it is mostly far less. 0 leaves out nothing; `None` is what suits the encoding
     /// ([`Encoding::cull`](crate::transfer::Encoding::cull)). Relative to each light's own result: lights still add up exactly.
     pub cull: Option<f32>,
-    /// For dragging: lights that are not known yet from an earlier frame are lit coarsely; the others are shown as they were. Left out are three in four
-    /// of the shadow rays (shadows are as sharp as a pixel, and those of lights with extent have grain), in indirect light shadows' edges finer than a
-    /// gather sample, and all bounces after the fourth, which are guessed. A frame without it then lights these lights anew.
+    /// For dragging: what is not known yet from an earlier frame is lit coarsely; the rest is shown as it was. Left out are, of shadow rays from what the
+    /// camera sees straight, three in four at 2x2 samples (shadows are as sharp as a pixel) and towards lights with extent (grain); in
+    /// indirect light shadows' edges finer than a gather sample; and all bounces after the fourth, which are guessed. A frame without it then lights these
+    /// lights anew.
     pub preview: bool,
 }
 
@@ -79,8 +81,8 @@ impl RelightSettings {
 pub struct FrameStats {
     /// The whole frame.
     pub frame_ms: f64,
-    /// The cloud's albedo and how fast light fades, where the rig edits base colours otherwise than in the frame before; else 0.
-    /// The latter is most of it: some twenty to forty steps of bounces, as much as those of two to four lights.
+    /// What pixels reflect, in the first frame; and the cloud's albedo and how fast light fades, where the rig edits base colours otherwise than in the
+    /// frame before; else 0. The latter is most of it: some twenty to forty steps of bounces, as much as those of two to four lights.
     pub edits_ms: f64,
     /// Direct light on the view samples.
     pub direct_ms: f64,
@@ -100,6 +102,8 @@ pub struct FrameStats {
     pub shadow_rays: u64,
     /// Those of them from the cloud.
     pub cloud_rays: u64,
+    /// How often light was gathered: once a lamp, twice where what emits or a dome shines.
+    pub gathers: u32,
     /// Bytes that spreading indirect light to the pixels reads and writes.
     pub upsample_bytes: u64,
     /// Bytes that the sum over lights reads and writes.
@@ -213,16 +217,16 @@ impl Relighter {
         self.relight_watched(rig, settings, &())
     }
 
-    /// The same, with `progress` told of every light and asked between two whether to stop.
+    /// Whether the shot can be relit so, without lighting anything: no other frame of this rig and these settings is refused.
     ///
     /// # Errors
-    /// As [`Self::relight`], and [`Error::Cancelled`].
-    pub fn relight_watched(
-        &mut self,
-        rig: &LightRig,
-        settings: &RelightSettings,
-        progress: &dyn Progress,
-    ) -> Result<Layers> {
+    /// [`Error::Setting`] as [`Self::relight`].
+    pub fn check(&self, rig: &LightRig, settings: &RelightSettings) -> Result<()> {
+        self.asked(rig, settings).map(drop)
+    }
+
+    /// What emits, in groups, with what each is multiplied by, and the base colours by material.
+    fn asked(&self, rig: &LightRig, settings: &RelightSettings) -> Result<Asked> {
         if !(1..=2).contains(&settings.aa) {
             return Err(Error::Setting(format!("{} samples a pixel side: must be 1 or 2", settings.aa)));
         }
@@ -230,12 +234,9 @@ impl Relighter {
             let cull = settings.cull.unwrap_or_default();
             return Err(Error::Setting(format!("an epsilon of {cull} to cull by: must be 0 to 1")));
         }
-        let began = Instant::now();
         let glows = self.glows(rig)?;
         let base_colors = edits::base_colors(&self.transfer.report, rig)?;
-        let shining: Vec<&Light> =
-            rig.lights.iter().filter(|light| light.enabled && light.color() != Vec3::ZERO).collect();
-        let dome = shining.iter().find(|light| matches!(light.kind, LightKind::Dome { .. }));
+        let dome = shining(rig).into_iter().find(|light| matches!(light.kind, LightKind::Dome { .. }));
         if let Some(dome) = dome.filter(|_| !self.transfer.report.settings.sky) {
             return Err(Error::Setting(format!(
                 "dome light `{}`: the shot was prepared without the sky; prepare it again without --no-sky",
@@ -246,6 +247,22 @@ impl Relighter {
             let emits = dome.is_some() || glows.iter().any(|(_, scale)| *scale != Vec3::ZERO);
             self.transfer.multibounce().check_bounces(settings.bounces, emits)?;
         }
+        Ok((glows, base_colors))
+    }
+
+    /// The same, with `progress` told of every light and asked between two whether to stop.
+    ///
+    /// # Errors
+    /// As [`Self::relight`], and [`Error::Cancelled`].
+    pub fn relight_watched(
+        &mut self,
+        rig: &LightRig,
+        settings: &RelightSettings,
+        progress: &dyn Progress,
+    ) -> Result<Layers> {
+        let began = Instant::now();
+        let (glows, base_colors) = self.asked(rig, settings)?;
+        let shining = shining(rig);
         self.stats = FrameStats::default();
         if self.edits.differ_from(&base_colors) {
             let began = Instant::now();
@@ -285,7 +302,8 @@ impl Relighter {
         layers.edges.clone_from(&self.edges);
         self.stats.sum_ms = milliseconds(sum_began);
         // of two layers, each light's is read, and the sum read and written
-        let images = 2 * 3 * (self.kept.len() + self.emission.len());
+        let shining = self.emission.iter().filter(|glow| glow.scale.is_some()).count();
+        let images = 2 * 3 * (self.kept.len() + shining + usize::from(shining > 0));
         self.stats.sum_bytes = (images * layers.direct.pixels.len() * size_of::<Vec3>()) as u64;
         self.stats.frame_ms = milliseconds(began);
         Ok(layers)
@@ -331,12 +349,16 @@ impl Relighter {
         lit
     }
 
+    /// How light goes round within the cloud, under the base colours of the frame.
+    fn bounces_for(&self, settings: &RelightSettings) -> Cow<'_, CloudBounces> {
+        let bounces = self.edits.bounces(&self.bounces);
+        if settings.preview { Cow::Owned(bounces.coarse()) } else { Cow::Borrowed(bounces) }
+    }
+
     /// Light on the cloud, bounced and gathered to the pixels.
     fn gather(&mut self, radiance: &[Vec3], times: Option<u32>, settings: &RelightSettings) -> Vec<Vec3> {
         let began = Instant::now();
-        let (bounce, bounces) = (&self.transfer.bounce, self.edits.bounces(&self.bounces));
-        let coarse = settings.preview.then(|| bounces.coarse());
-        let bounces = coarse.as_ref().unwrap_or(bounces);
+        let (bounce, bounces) = (&self.transfer.bounce, self.bounces_for(settings));
         let bounced = bounces.sum(bounce, radiance, times, settings.epsilon(bounce));
         self.gather_bounced(bounced, began, settings)
     }
@@ -355,10 +377,18 @@ impl Relighter {
         let (gathered, glossy, work) =
             self.transfer.gather_from(&bounced, settings.epsilon(&self.transfer.gather));
         self.stats.add(work);
+        self.stats.gathers += 1;
         self.stats.gather_ms += milliseconds(began);
+        let reflection = match &mut self.reflections[settings.aa as usize - 1] {
+            Some(reflection) => reflection,
+            unknown => {
+                let began = Instant::now();
+                let made = Reflection::new(&self.transfer, self.edits.scales(), settings.aa);
+                self.stats.edits_ms += milliseconds(began);
+                unknown.insert(made)
+            }
+        };
         let began = Instant::now();
-        let reflection = self.reflections[settings.aa as usize - 1]
-            .get_or_insert_with(|| Reflection::new(&self.transfer, self.edits.scales(), settings.aa));
         let pixels = reflection.upsample(&gathered, glossy.as_deref());
         let light = gathered.len() + glossy.as_ref().map_or(0, Vec::len) + pixels.len();
         self.stats.upsample_bytes += (reflection.bytes() + light * size_of::<Vec3>()) as u64;
@@ -395,6 +425,14 @@ impl RelightSettings {
         let of_look = |settings: &Self| (settings.bounces, settings.aa, settings.only, settings.cull);
         of_look(self) == of_look(wanted) && (wanted.preview || !self.preview)
     }
+}
+
+/// Groups of emissive materials with what each is multiplied by, and the base colour of each material.
+type Asked = (Vec<(Vec<u32>, Vec3)>, Vec<Vec3>);
+
+/// Lights that shine.
+fn shining(rig: &LightRig) -> Vec<&Light> {
+    rig.lights.iter().filter(|light| light.enabled && light.color() != Vec3::ZERO).collect()
 }
 
 fn add_scaled(sum: &mut Image, image: &Image, color: Vec3) {

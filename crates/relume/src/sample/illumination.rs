@@ -44,7 +44,8 @@ pub fn illuminate(cloud: &GatherCloud, accel: &Accel, light: &Light) -> CloudLig
 pub enum Detail {
     /// More where the first ones of neighbours disagree.
     Full,
-    /// Two a patch, whatever they find; four towards a light with extent. Shadows' edges become as coarse as patches.
+    /// No more than two a patch, whatever they find, and one for each quarter that is lit where not all are, or by a light with extent. Shadows'
+    /// edges become as coarse as patches.
     Coarse,
 }
 
@@ -137,7 +138,7 @@ impl<'a> Chunk<'a> {
             for &patch in &lit {
                 let group = patch / NEIGHBOURS;
                 let partly = self.quarters[patch].contains(&Vec3::ZERO);
-                if detail == Detail::Coarse {
+                if detail == Detail::Coarse && !partly {
                     radiance[patch] = self.quarters[patch].iter().sum::<Vec3>() * found.free[patch];
                 } else if partly || (found.any_visible[group] && found.any_hidden[group]) {
                     refined.push(patch);
@@ -147,7 +148,7 @@ impl<'a> Chunk<'a> {
             }
             refined
         };
-        self.quarter_rays(&refined, &mut radiance);
+        self.quarter_rays(&refined, detail, &mut radiance);
         (radiance, self.rays)
     }
 
@@ -173,8 +174,8 @@ impl<'a> Chunk<'a> {
     }
 
     /// A ray for each lit quarter of each of `patches`. Where their answers differ, a shadow's edge lies across the patch, and each lit sub-sample
-    /// asks for itself.
-    fn quarter_rays(&mut self, patches: &[usize], radiance: &mut [Vec3]) {
+    /// asks for itself, but for coarse light.
+    fn quarter_rays(&mut self, patches: &[usize], detail: Detail, radiance: &mut [Vec3]) {
         let lit: Vec<(usize, usize)> = patches
             .iter()
             .flat_map(|&patch| (0..4).map(move |quarter| (patch, quarter)))
@@ -195,7 +196,8 @@ impl<'a> Chunk<'a> {
                     light += self.quarters[patch][quarter];
                 }
             }
-            if seen == 0 || seen == asked || self.light.needs_samples() {
+            let is_told = seen == 0 || seen == asked || self.light.needs_samples();
+            if is_told || detail == Detail::Coarse {
                 radiance[patch] = light;
             } else {
                 divided.push(patch);

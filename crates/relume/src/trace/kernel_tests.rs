@@ -1,7 +1,9 @@
 //! The kernels against brute force.
 
 use glam::{Vec2, Vec3};
+use obvhs::triangle::Triangle;
 
+use super::{WideBvh, intersect};
 use crate::scene::Wrap;
 use crate::trace::sampling::{hash, sobol_2d, uniform_sphere, unit};
 use crate::trace::{Accel, AlphaMask, AlphaMasks, Hit, Ray};
@@ -127,6 +129,28 @@ fn shadow_rays_in_packets_are_answered_as_alone() {
         let count = alone.iter().filter(|&&blocked| blocked).count();
         assert!((200..3800).contains(&count), "{count} blocked: too few or too many to test anything");
     }
+}
+
+/// What blocked a packet is asked first by the next one: no wider than it would be found by a ray alone, which passes its box before. This ray passes
+/// beside a large triangle, so close that the triangle's own test lets it in and its box does not.
+#[test]
+fn what_blocked_others_blocks_no_ray_that_it_would_not_block_alone() {
+    let positions = [[-10.0, -10.0], [10.0, -10.0], [-10.0, 10.0]].map(|[x, z]| Vec3::new(x, 0.0, z));
+    let accel = Accel::from_triangles(&positions, &[[0, 1, 2]], AlphaMasks::default());
+    let down = |x: f32| Ray::new(Vec3::new(x, 1.0, -3.0), Vec3::NEG_Y);
+    let beside = -10.0 - 1.5e-5;
+    for x in [-10.01, -10.00003, beside, -10.00001, -10.0] {
+        let rays: Vec<Ray> = (0..16).map(|_| down(-5.0)).chain((0..16).map(|_| down(x))).collect();
+        let mut blocked = vec![false; 32];
+        accel.occluded_batch(&rays, &mut blocked);
+        assert_eq!(blocked[..16], [true; 16]);
+        assert_eq!(blocked[16..], [accel.occluded(&down(x)); 16], "{x}");
+    }
+    assert!(!accel.occluded(&down(beside)) && accel.occluded(&down(-10.0)));
+    let [v0, v1, v2] = positions.map(Into::into);
+    let bvh = WideBvh::new(&[Triangle { v0, v1, v2 }], &AlphaMasks::default());
+    let (_, _, _, by_itself) = intersect(&bvh.blocks[0], &down(beside), f32::INFINITY);
+    assert_eq!(by_itself, 1, "the triangle lets it in");
 }
 
 /// Rays along the axes, with zeros of both signs, from points whose coordinates lie on box faces.

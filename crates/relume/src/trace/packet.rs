@@ -17,8 +17,20 @@ const PACKET: usize = 16;
 /// So few rays below a node are faster alone.
 const FEW: u32 = 2;
 
-/// What waits on the stack: a child, and a bit for each ray that is to visit it.
+/// What waits on the stack: a [`place`] and a bit for each ray that is to visit the child there.
 pub(super) type Waiting = (u32, u32);
+
+/// A child of a node by where it stands: `WIDTH` times the node, plus the lane.
+#[inline(always)]
+fn place(node: u32, lane: usize) -> u32 {
+    node * WIDTH as u32 + lane as u32
+}
+
+/// The node and the lane of a [`place`].
+#[inline(always)]
+fn at(bvh: &WideBvh, place: u32) -> (&Node, usize) {
+    (&bvh.nodes[place as usize / WIDTH], place as usize % WIDTH)
+}
 
 /// Rays side by side, as structure of arrays by axis.
 struct Packet {
@@ -64,6 +76,21 @@ impl Packet {
         let (t_min, t_max) = (rays.map(|ray| ray.t_min), rays.map(|ray| ray.t_max));
         let bounds = Bounds::new(&origin, &inverse, first.near, least(&t_min), most(&t_max));
         Some(Self { origin, direction, inverse, t_min, t_max, bounds })
+    }
+
+    /// Puts the children of a node that some of the `active` rays meet to what waits.
+    #[inline(always)]
+    fn enter(&self, bvh: &WideBvh, node: u32, active: u32, waiting: &mut Vec<Waiting>) {
+        let children = &bvh.nodes[node as usize];
+        let mut met = self.bounds.enter(children);
+        while met != 0 {
+            let lane = met.trailing_zeros() as usize;
+            met &= met - 1;
+            let rays = self.meet(children, lane) & active;
+            if rays != 0 {
+                waiting.push((place(node, lane), rays));
+            }
+        }
     }
 
     /// A bit for each ray that meets a child's box.
@@ -201,7 +228,8 @@ fn most(values: &[f32; PACKET]) -> f32 {
     values.iter().fold(f32::NEG_INFINITY, |most, &value| max(value, most))
 }
 
-/// A bit for each of `rays` that something lies on. `before` is the block that blocked the packet before, and becomes the one that blocks this one.
+/// A bit for each of `rays` that something lies on. `before` is the [`place`] of the leaf that blocked the packet before, and becomes that of
+/// the one that blocks this one.
 #[inline(always)]
 fn occluded_packet(
     bvh: &WideBvh,
@@ -216,40 +244,36 @@ fn occluded_packet(
         return alone(bvh, masks, rays, ALL, 0, stack);
     };
     let mut blocked = 0;
-    if let Some(block) = before.take() {
-        blocked = blocked_by(&bvh.blocks[block as usize], masks, &packet, rays, ALL);
-        *before = (blocked != 0).then_some(block);
+    if let Some(leaf) = before.take() {
+        // within the leaf's box alone, as whoever comes down the tree
+        let (node, lane) = at(bvh, leaf);
+        let block = &bvh.blocks[(node.children[lane] & !LEAF_BIT) as usize];
+        blocked = blocked_by(block, masks, &packet, rays, packet.meet(node, lane));
+        *before = (blocked != 0).then_some(leaf);
         if blocked == ALL {
             return ALL;
         }
     }
     waiting.clear();
-    waiting.push((0, ALL));
-    while let Some((child, wanted)) = waiting.pop() {
+    packet.enter(bvh, 0, ALL, waiting);
+    while let Some((place, wanted)) = waiting.pop() {
         let active = wanted & !blocked;
         if active == 0 {
             continue;
         }
+        let (node, lane) = at(bvh, place);
+        let child = node.children[lane];
         if child & LEAF_BIT != 0 {
-            let block = child & !LEAF_BIT;
-            let found = blocked_by(&bvh.blocks[block as usize], masks, &packet, rays, active);
+            let block = &bvh.blocks[(child & !LEAF_BIT) as usize];
+            let found = blocked_by(block, masks, &packet, rays, active);
             if found != 0 {
-                *before = Some(block);
+                *before = Some(place);
                 blocked |= found;
             }
         } else if active.count_ones() <= FEW {
             blocked |= alone(bvh, masks, rays, active, child, stack);
         } else {
-            let node = &bvh.nodes[child as usize];
-            let mut children = packet.bounds.enter(node);
-            while children != 0 {
-                let child = children.trailing_zeros() as usize;
-                children &= children - 1;
-                let rays = packet.meet(node, child) & active;
-                if rays != 0 {
-                    waiting.push((node.children[child], rays));
-                }
-            }
+            packet.enter(bvh, child, active, waiting);
         }
         if blocked == ALL {
             break;

@@ -47,7 +47,7 @@ pub(crate) struct Arguments {
     /// Direct samples along each side of a pixel: 1 or 2.
     #[arg(long, value_name = "1|2", default_value = "2", value_parser = antialiasing)]
     aa: u32,
-    /// Light the moving light coarsely, as while it is dragged.
+    /// Light coarsely, as while a light is dragged; also the first frame.
     #[arg(long)]
     preview: bool,
     #[command(flatten)]
@@ -77,6 +77,7 @@ struct Figures<'a> {
     light: &'a str,
     lights: usize,
     frames: u32,
+    preview: bool,
     threads: usize,
     width: usize,
     height: usize,
@@ -158,6 +159,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         light: &still.name,
         lights: rig.lights.iter().filter(|light| light.enabled).count(),
         frames: arguments.frames,
+        preview: arguments.preview,
         first_frame_ms,
         ..Figures::of(relighter.transfer(), &moved, &recolored, ceiling)
     };
@@ -216,7 +218,8 @@ fn median(frames: &[FrameStats], of: impl Fn(&FrameStats) -> f64) -> f64 {
 impl Figures<'_> {
     fn of(transfer: &Transfer, moved: &[FrameStats], recolored: &[FrameStats], ceiling: Ceiling) -> Self {
         let steps = median(moved, |frame| f64::from(frame.bounce_steps));
-        let gathered = (transfer.gather.bytes() + transfer.glossy_bytes()) as f64;
+        let gathers = median(moved, |frame| f64::from(frame.gathers));
+        let gathered = gathers * (transfer.gather.bytes() + transfer.glossy_bytes()) as f64;
         let touched = gathered + steps * transfer.bounce.bytes() as f64;
         let applying = median(moved, |frame| frame.bounces_ms + frame.gather_ms);
         Self {
@@ -225,6 +228,7 @@ impl Figures<'_> {
             light: "",
             lights: 0,
             frames: 0,
+            preview: false,
             threads: rayon::current_num_threads(),
             width: transfer.view.width,
             height: transfer.view.height,
@@ -254,13 +258,14 @@ impl std::fmt::Display for Figures<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         writeln!(
             f,
-            "{}x{}, light `{}` of {} moving, {}, {}",
+            "{}x{}, light `{}` of {} moving, {}, {}{}",
             self.width,
             self.height,
             self.light,
             self.lights,
             plural(self.frames as usize, "frame", "frames"),
             plural(self.threads, "thread", "threads"),
+            if self.preview { ", preview" } else { "" },
         )?;
         let mut table = Table::of_numbers(&["median of", "ms", "", "rate", "of the ceiling"]);
         for stage in &self.stages {

@@ -14,7 +14,7 @@ use crate::report::{bytes, count};
 enum Load {
     /// Shadow rays.
     Rays(u64),
-    /// Bytes read, and written.
+    /// Bytes read, and written; of operators all that is stored, also where some is culled.
     Bytes(u64),
 }
 
@@ -81,7 +81,11 @@ pub(super) fn of(transfer: &Transfer, moved: &[FrameStats], ceiling: &Ceiling) -
             |frame| frame.bounces_ms,
             Load::Bytes(bounce * amount(&|frame| f64::from(frame.bounce_steps))),
         ),
-        stage("final gather", |frame| frame.gather_ms, Load::Bytes(gathered)),
+        stage(
+            "final gather",
+            |frame| frame.gather_ms,
+            Load::Bytes(gathered * amount(&|frame| f64::from(frame.gathers))),
+        ),
         stage(
             "upsampling",
             |frame| frame.upsample_ms,

@@ -59,7 +59,7 @@ pub(crate) struct Arguments {
     /// Direct samples along each side of a pixel: 1 or 2.
     #[arg(long, value_name = "1|2", default_value = "2", value_parser = antialiasing)]
     aa: u32,
-    /// Light everything coarsely, as a light is while it is dragged: a quarter of the shadow rays, later bounces guessed.
+    /// Light everything coarsely, as a light is while it is dragged: fewer shadow rays, later bounces guessed.
     #[arg(long)]
     preview: bool,
     #[command(flatten)]

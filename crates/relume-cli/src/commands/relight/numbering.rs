@@ -7,6 +7,8 @@ use relume::{Error, Result};
 
 /// Frames are from minus this to this, as in a rig.
 const LAST_FRAME: i32 = 1_000_000;
+/// Of a frame's number in a file's name: more than the last frame has.
+const MOST_DIGITS: usize = 9;
 
 /// `--frames`: `A..B` with both included, or one.
 pub(super) fn frames(written: &str) -> Result<RangeInclusive<i32>, String> {
@@ -46,10 +48,14 @@ impl Pattern {
         if after.contains('#') {
             return refused("more than one group of #");
         }
+        let digits = name.len() - start - after.len();
+        if digits > MOST_DIGITS {
+            return refused("too many #");
+        }
         Ok(Self {
             folder: path.parent().unwrap_or(Path::new("")).to_owned(),
             before: name[..start].to_owned(),
-            digits: name.len() - start - after.len(),
+            digits,
             after: after.to_owned(),
         })
     }
@@ -83,7 +89,8 @@ mod tests {
         assert_eq!(file("####.exr", 12_345), Path::new("12345.exr"));
         assert_eq!(file("x.####.exr", -5), Path::new("x.-0005.exr"));
         assert_eq!(file("take #1/#.png", 3), Path::new("take #1/3.png"));
-        for wrong in ["out.png", "#a#.png", "##/out.png", "", ".."] {
+        let long = format!("{}.png", "#".repeat(100_000));
+        for wrong in ["out.png", "#a#.png", "##/out.png", "", "..", "##########.png", &long] {
             let error = Pattern::new(Path::new(wrong)).unwrap_err();
             assert!(error.is_bad_input() && error.to_string().contains("out.####.exr"), "{error}");
         }

@@ -30,6 +30,7 @@ struct Figures<'a> {
     height: usize,
     /// Enabled in some frame.
     lights: usize,
+    preview: bool,
     /// Reading the cache and building the acceleration structure.
     load_seconds: f64,
     /// All frames, from the first one's beginning until the last one is written.
@@ -60,9 +61,12 @@ pub(super) fn run(arguments: &Arguments, path: &Path, console: &Console) -> Resu
     })?;
     let maps: Vec<PathBuf> = animated.maps().collect();
     let inputs: Vec<&Path> = inputs.into_iter().chain(maps.iter().map(PathBuf::as_path)).collect();
-    destination.check(frames.clone(), &inputs)?;
-    let lights = all_lights(&animated, frames.clone())?;
+    let lights = console.stage("checking the frames", || {
+        destination.check(frames.clone(), &inputs)?;
+        all_lights(&animated, frames.clone())
+    })?;
     let (mut relighter, load_seconds) = arguments.load(&lights, path, console)?;
+    check_frames(arguments, &animated, &relighter, (frames.clone(), path))?;
     let view = &relighter.transfer().view;
     let (width, height) = (view.width, view.height);
     let began = Instant::now();
@@ -79,6 +83,7 @@ pub(super) fn run(arguments: &Arguments, path: &Path, console: &Console) -> Resu
         width,
         height,
         lights: enabled(&lights),
+        preview: arguments.preview,
         load_seconds,
         seconds,
         frames_per_minute: 60.0 * number as f64 / seconds,
@@ -95,7 +100,22 @@ pub(super) fn run(arguments: &Arguments, path: &Path, console: &Console) -> Resu
     Ok(())
 }
 
-/// The first frame's rig, with those lights enabled that are so in any of `frames`. Each of these is right, then.
+/// Refuses a frame that this shot cannot show before any is made.
+fn check_frames(
+    arguments: &Arguments,
+    animated: &AnimatedRig,
+    relighter: &Relighter,
+    (frames, path): (RangeInclusive<i32>, &Path),
+) -> Result<()> {
+    let settings = arguments.settings();
+    for frame in frames {
+        let told = |error: Error| Error::file(path, format!("at frame {frame}: {error}"));
+        relighter.check(&animated.rig(f64::from(frame))?, &settings).map_err(told)?;
+    }
+    Ok(())
+}
+
+/// The first frame's rig, with those lights enabled that are so in any of `frames`. The rig can be read at each of these, then.
 fn all_lights(animated: &AnimatedRig, frames: RangeInclusive<i32>) -> Result<LightRig> {
     let mut all = animated.rig(f64::from(*frames.start()))?;
     for frame in frames {
@@ -183,6 +203,9 @@ impl std::fmt::Display for Figures<'_> {
         table.line("images", format!("{output}, {}x{}", self.width, self.height));
         let frames = plural(self.frames, "frame", "frames");
         table.line("sequence", format!("{frames}, {} to {}", self.first, self.last));
+        if self.preview {
+            table.line("quality", "preview: lit coarsely".to_owned());
+        }
         table.line("cache read in", duration(self.load_seconds));
         let rate = self.frames_per_minute;
         table.line("all frames", format!("{}, {rate:.0} frames a minute", duration(self.seconds)));

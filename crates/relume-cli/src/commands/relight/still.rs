@@ -21,6 +21,7 @@ struct Figures<'a> {
     width: usize,
     height: usize,
     lights: usize,
+    preview: bool,
     /// Reading the cache and building the acceleration structure.
     load_seconds: f64,
     #[serde(flatten)]
@@ -45,6 +46,7 @@ pub(super) fn run(arguments: &Arguments, path: &Path, console: &Console) -> Resu
         width: layers.direct.width,
         height: layers.direct.height,
         lights: enabled(&rig),
+        preview: settings.preview,
         load_seconds,
         frame: relighter.stats(),
     };
@@ -56,10 +58,13 @@ impl std::fmt::Display for Figures<'_> {
         let milliseconds = |name: &str, value: f64| [format!("  {name}"), format!("{value:.1} ms")];
         let mut table = Table::new();
         table.line("image", format!("{}, {}x{}", self.output.display(), self.width, self.height));
+        if self.preview {
+            table.line("quality", "preview: lit coarsely".to_owned());
+        }
         table.line("cache read in", duration(self.load_seconds));
         table.line("frame", format!("{:.1} ms", self.frame.frame_ms));
         if self.frame.edits_ms > 0.0 {
-            table.row(milliseconds("edited materials", self.frame.edits_ms));
+            table.row(milliseconds("materials", self.frame.edits_ms));
         }
         table.row(milliseconds("direct", self.frame.direct_ms));
         table.row(milliseconds("cloud", self.frame.cloud_ms));

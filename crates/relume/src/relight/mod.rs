@@ -81,8 +81,8 @@ impl RelightSettings {
 pub struct FrameStats {
     /// The whole frame.
     pub frame_ms: f64,
-    /// What pixels reflect, in the first frame; and the cloud's albedo and how fast light fades, where the rig edits base colours otherwise than in the
-    /// frame before; else 0. The latter is most of it: some twenty to forty steps of bounces, as much as those of two to four lights.
+    /// What pixels reflect, the cloud's albedo and how fast light fades, where the rig edits base colours otherwise than in the frame before; else 0.
+    /// The last is most of it: some twenty to forty steps of bounces, as much as those of two to four lights.
     pub edits_ms: f64,
     /// Direct light on the view samples.
     pub direct_ms: f64,
@@ -92,7 +92,7 @@ pub struct FrameStats {
     pub bounces_ms: f64,
     /// The final gather.
     pub gather_ms: f64,
-    /// Indirect light spread to the pixels' samples.
+    /// Indirect light spread to the pixels; in the first frame also what these reflect is found.
     pub upsample_ms: f64,
     /// The sum over lights.
     pub sum_ms: f64,
@@ -268,7 +268,9 @@ impl Relighter {
             let began = Instant::now();
             self.forget();
             self.edits = Edits::new(&self.transfer, base_colors);
+            let reflection = Reflection::new(&self.transfer, self.edits.scales(), settings.aa);
             self.reflections = [None, None];
+            self.reflections[settings.aa as usize - 1] = Some(reflection);
             self.stats.edits_ms = milliseconds(began);
         }
         progress.stage("relighting", (shining.len() + glows.len()) as u64);
@@ -379,16 +381,9 @@ impl Relighter {
         self.stats.add(work);
         self.stats.gathers += 1;
         self.stats.gather_ms += milliseconds(began);
-        let reflection = match &mut self.reflections[settings.aa as usize - 1] {
-            Some(reflection) => reflection,
-            unknown => {
-                let began = Instant::now();
-                let made = Reflection::new(&self.transfer, self.edits.scales(), settings.aa);
-                self.stats.edits_ms += milliseconds(began);
-                unknown.insert(made)
-            }
-        };
         let began = Instant::now();
+        let reflection = self.reflections[settings.aa as usize - 1]
+            .get_or_insert_with(|| Reflection::new(&self.transfer, self.edits.scales(), settings.aa));
         let pixels = reflection.upsample(&gathered, glossy.as_deref());
         let light = gathered.len() + glossy.as_ref().map_or(0, Vec::len) + pixels.len();
         self.stats.upsample_bytes += (reflection.bytes() + light * size_of::<Vec3>()) as u64;

@@ -64,7 +64,7 @@ impl std::fmt::Display for Figures<'_> {
         table.line("cache read in", duration(self.load_seconds));
         table.line("frame", format!("{:.1} ms", self.frame.frame_ms));
         if self.frame.edits_ms > 0.0 {
-            table.row(milliseconds("materials", self.frame.edits_ms));
+            table.row(milliseconds("edited materials", self.frame.edits_ms));
         }
         table.row(milliseconds("direct", self.frame.direct_ms));
         table.row(milliseconds("cloud", self.frame.cloud_ms));

@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use relume::image::Tonemap;
-use relume::relight::Only;
+use relume::relight::{Only, RelightSettings};
 use relume::{Error, Result};
 
 /// Most pixels along a side of an image.
@@ -32,13 +32,29 @@ impl Threads {
     }
 }
 
-/// `--cull`.
+/// How a light is lit.
 #[derive(Args, Clone, Copy, Debug)]
-pub(crate) struct Culling {
+pub(crate) struct Lighting {
+    /// Indirect bounces [default: all].
+    #[arg(long, value_name = "N")]
+    bounces: Option<u32>,
+    /// Direct samples along each side of a pixel: 1 or 2.
+    #[arg(long, value_name = "1|2", default_value = "2", value_parser = antialiasing)]
+    aa: u32,
+    /// Light everything coarsely, as a light is while it is dragged: fewer shadow rays, later bounces guessed.
+    #[arg(long)]
+    pub(crate) preview: bool,
     /// Leave out what adds next to nothing under a light: an error to accept, as 0.01; 0 leaves out nothing [default: as
     /// suits the encoding].
-    #[arg(long = "cull", value_name = "EPSILON", allow_negative_numbers = true, value_parser = share)]
-    pub(crate) epsilon: Option<f32>,
+    #[arg(long, value_name = "EPSILON", allow_negative_numbers = true, value_parser = share)]
+    cull: Option<f32>,
+}
+
+impl Lighting {
+    pub(crate) fn settings(self) -> RelightSettings {
+        let Self { bounces, aa, preview, cull } = self;
+        RelightSettings { bounces, aa, preview, cull, ..RelightSettings::default() }
+    }
 }
 
 fn share(text: &str) -> Result<f32, String> {

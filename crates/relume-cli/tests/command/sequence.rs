@@ -6,7 +6,7 @@ use std::process::{Output, Stdio};
 use relume::image::{Tonemap, display};
 use relume_io::{read_exr, read_png};
 
-use crate::support::{RIG, Workplace, numbers};
+use crate::support::{RIG, SMALL, Workplace, numbers};
 
 /// The rig of the room; its first light moves, the second one fades and is switched off, and it is exposed for longer.
 pub(crate) fn moving() -> String {
@@ -202,6 +202,25 @@ fn sequences_that_cannot_be_are_refused() {
     work.write("through.toml", through.as_bytes());
     work.refused(&with_rig("through.toml", &[]), 2, "at frame 3: `target` must differ from `position`");
     assert!(!work.path("shot.01.png").exists());
+}
+
+/// The rig is right, and the shot was prepared without the sky that it lights from its second frame on.
+#[test]
+fn frames_that_the_shot_cannot_show_are_told_before_any_is_made() {
+    let work = workplace();
+    work.succeed(&[&["prepare", "room.gltf", "-o", "blind.relume", "--no-sky"], &SMALL[..]].concat());
+    let dome = "[[light]]\nname = \"sky\"\ntype = \"dome\"\n";
+    let on = "[[animate]]\nlight = \"sky\"\nfield = \"enabled\"\nframes = [1, 2]\nvalues = [false, true]\n";
+    work.write("sky.toml", format!("{dome}{on}").as_bytes());
+    let animate = |cache| ["relight", cache, "--animate", "sky.toml", "-o", "shot.#.png"];
+    work.refused(
+        &animate("blind.relume"),
+        2,
+        "sky.toml: at frame 2: dome light `sky`: the shot was prepared",
+    );
+    assert!(!work.path("shot.1.png").exists());
+    work.succeed(&animate("room.relume"));
+    assert!(work.path("shot.2.png").exists());
 }
 
 #[test]

@@ -8,12 +8,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use relume::glam::Vec3;
-use relume::relight::{FrameStats, RelightSettings};
+use relume::relight::FrameStats;
 use relume::{Error, Light, LightKind, LightRig, Relighter, Result, Transfer};
 use relume_io::{check_materials, load_rig};
 use serde::Serialize;
 
-use crate::arguments::{Culling, Threads, antialiasing};
+use crate::arguments::{Lighting, Threads};
 use crate::console::Console;
 use crate::report::{Table, bytes, count, culled, plural, quantile};
 
@@ -41,17 +41,8 @@ pub(crate) struct Arguments {
     /// The light that moves [default: the first enabled spot or omni, else the first enabled].
     #[arg(long, value_name = "NAME")]
     light: Option<String>,
-    /// Indirect bounces [default: all].
-    #[arg(long, value_name = "N")]
-    bounces: Option<u32>,
-    /// Direct samples along each side of a pixel: 1 or 2.
-    #[arg(long, value_name = "1|2", default_value = "2", value_parser = antialiasing)]
-    aa: u32,
-    /// Light coarsely, as while a light is dragged; also the first frame.
-    #[arg(long)]
-    preview: bool,
     #[command(flatten)]
-    cull: Culling,
+    lighting: Lighting,
     #[command(flatten)]
     threads: Threads,
     /// Print one JSON object on stdout.
@@ -121,13 +112,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         check_materials(&rig, &arguments.rig, transfer.report.named_materials())?;
         Ok(Relighter::new(transfer))
     })?;
-    let settings = RelightSettings {
-        bounces: arguments.bounces,
-        aa: arguments.aa,
-        cull: arguments.cull.epsilon,
-        preview: arguments.preview,
-        ..Default::default()
-    };
+    let settings = arguments.lighting.settings();
     let ceiling = console.stage("this machine's ceiling", || {
         Ok(Ceiling::measured(&relighter.transfer().view, relighter.accel()))
     })?;
@@ -159,7 +144,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         light: &still.name,
         lights: rig.lights.iter().filter(|light| light.enabled).count(),
         frames: arguments.frames,
-        preview: arguments.preview,
+        preview: settings.preview,
         first_frame_ms,
         ..Figures::of(relighter.transfer(), &moved, &recolored, ceiling)
     };

@@ -14,7 +14,7 @@ use relume::relight::RelightSettings;
 use relume::{Error, LightKind, LightRig, Relighter, Result, Transfer};
 use relume_io::{Attribute, check_materials};
 
-use crate::arguments::{Culling, Curve, Part, Threads, antialiasing};
+use crate::arguments::{Curve, Lighting, Part, Threads};
 use crate::console::Console;
 use crate::interrupt;
 use crate::output::{self, ImageKind, number, text};
@@ -47,23 +47,14 @@ pub(crate) struct Arguments {
     /// The pixels on stdout [default: rgb24].
     #[arg(long, value_enum, value_name = "FORMAT", conflicts_with = "rig")]
     raw: Option<Raw>,
-    /// Indirect bounces [default: all].
-    #[arg(long, value_name = "N")]
-    bounces: Option<u32>,
+    #[command(flatten)]
+    lighting: Lighting,
     /// Show one kind of light alone.
     #[arg(long, value_enum)]
     only: Option<Part>,
     /// Also write the layers of each light (EXR).
     #[arg(long)]
     per_light: bool,
-    /// Direct samples along each side of a pixel: 1 or 2.
-    #[arg(long, value_name = "1|2", default_value = "2", value_parser = antialiasing)]
-    aa: u32,
-    /// Light everything coarsely, as a light is while it is dragged: fewer shadow rays, later bounces guessed.
-    #[arg(long)]
-    preview: bool,
-    #[command(flatten)]
-    cull: Culling,
     /// The curve from light to display (PNG and rgb24) [default: neutral].
     #[arg(long, value_enum)]
     tonemap: Option<Curve>,
@@ -100,14 +91,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
 
 impl Arguments {
     fn settings(&self) -> RelightSettings {
-        RelightSettings {
-            bounces: self.bounces,
-            aa: self.aa,
-            only: Part::only(self.only),
-            per_light: self.per_light,
-            cull: self.cull.epsilon,
-            preview: self.preview,
-        }
+        RelightSettings { only: Part::only(self.only), per_light: self.per_light, ..self.lighting.settings() }
     }
 
     /// Refuses, or warns of, options that do not go with what is written: `None` for pixels without a file.

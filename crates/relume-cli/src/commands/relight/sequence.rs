@@ -83,7 +83,7 @@ pub(super) fn run(arguments: &Arguments, path: &Path, console: &Console) -> Resu
         width,
         height,
         lights: enabled(&lights),
-        preview: arguments.preview,
+        preview: arguments.lighting.preview,
         load_seconds,
         seconds,
         frames_per_minute: 60.0 * number as f64 / seconds,

@@ -40,6 +40,13 @@ enum Task {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         arguments: Vec<String>,
     },
+    /// Measure how time, memory and bytes grow with pixels, gather samples and triangles; `cargo xtask bench --help` says how.
+    #[command(disable_help_flag = true)]
+    Bench {
+        /// Passed on to the measuring program.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<String>,
+    },
     /// Make the demo scene in assets/.
     Scenes {
         /// Write nothing; fail where the committed file differs.
@@ -63,6 +70,7 @@ fn main() -> anyhow::Result<()> {
         Task::Test { arguments } => test::run(&arguments),
         Task::Quality { arguments } => measurement::run("quality", &arguments),
         Task::Flicker { arguments } => measurement::run("flicker", &arguments),
+        Task::Bench { arguments } => measurement::run_beside_relume("bench", &arguments),
         Task::Scenes { check } => scenes::run(check),
         Task::Structure => structure::run(),
         Task::Deny => deny::run(),

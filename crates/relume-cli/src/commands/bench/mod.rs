@@ -15,6 +15,7 @@ use serde::Serialize;
 
 use crate::arguments::{Lighting, Threads};
 use crate::console::Console;
+use crate::memory::peak_resident_bytes;
 use crate::report::{Table, bytes, count, culled, plural, quantile};
 
 use ceiling::Ceiling;
@@ -26,7 +27,7 @@ use stages::Stage;
 /// as many frames change nothing but its colour. Figures are medians over the frames.
 ///
 /// Beside each stage stands what it traces or moves, at which rate, and which share that is of this machine's ceiling, measured
-/// first: memory read from start to end, and shadow rays that run side by side and meet nothing.
+/// last: memory read from start to end, and shadow rays that run side by side and meet nothing.
 #[derive(Args)]
 #[command(after_help = EXAMPLE)]
 pub(crate) struct Arguments {
@@ -97,6 +98,8 @@ struct Figures<'a> {
     transfer_bytes_per_frame: u64,
     /// These bytes over the time of bounces within the cloud and of the final gather.
     transfer_gb_per_s: f64,
+    /// From reading the cache to the last frame; `null` where the system does not tell.
+    peak_rss_bytes: Option<u64>,
     /// What this machine does at best.
     ceiling: Ceiling,
     /// Each stage beside it.
@@ -113,9 +116,6 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         Ok(Relighter::new(transfer))
     })?;
     let settings = arguments.lighting.settings();
-    let ceiling = console.stage("this machine's ceiling", || {
-        Ok(Ceiling::measured(&relighter.transfer().view, relighter.accel()))
-    })?;
     relighter.relight(&rig, &settings)?;
     let first_frame_ms = relighter.stats().frame_ms;
     let still = rig.lights[moving].clone();
@@ -138,6 +138,11 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let recolored =
         frames("changing its colour", &|turn| last.with_color(last.color() * (1.0 + 0.5 * turn)))?;
     drop(progress);
+    // before the ceiling, which takes memory of its own
+    let peak_rss_bytes = peak_resident_bytes();
+    let ceiling = console.stage("this machine's ceiling", || {
+        Ok(Ceiling::measured(&relighter.transfer().view, relighter.accel()))
+    })?;
     let figures = Figures {
         cache: &arguments.cache,
         rig: &arguments.rig,
@@ -146,6 +151,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
         frames: arguments.frames,
         preview: settings.preview,
         first_frame_ms,
+        peak_rss_bytes,
         ..Figures::of(relighter.transfer(), &moved, &recolored, ceiling)
     };
     if arguments.json { console.json(&figures) } else { console.result(&figures.to_string()) }
@@ -233,6 +239,7 @@ impl Figures<'_> {
             culled: median(moved, |frame| frame.culled as f64) as u64,
             transfer_bytes_per_frame: touched as u64,
             transfer_gb_per_s: touched / (applying * 1e6),
+            peak_rss_bytes: None,
             ceiling,
             stages: stages::of(transfer, moved, &ceiling),
         }
@@ -270,6 +277,7 @@ impl std::fmt::Display for Figures<'_> {
             "ceiling: {:.1} GB/s read from start to end, {:.1} million rays a second side by side",
             self.ceiling.read_gb_per_s, self.ceiling.mrays_per_s
         )?;
+        writeln!(f, "peak memory: {}", self.peak_rss_bytes.map_or("not known".to_owned(), bytes))?;
         writeln!(f, "{}", culled(self.multiply_adds, self.culled))?;
         write!(
             f,

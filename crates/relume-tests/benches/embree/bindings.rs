@@ -4,7 +4,7 @@
 //! level of instances, no `minWidthDistanceFactor`.
 #![allow(unsafe_code, reason = "Embree is a C library")]
 
-use std::ffi::{c_char, c_int, c_uint, c_void};
+use std::ffi::{CString, c_char, c_int, c_uint, c_void};
 use std::ptr;
 
 use relume::glam::Vec3;
@@ -311,7 +311,8 @@ pub(crate) struct EmbreeScene {
 unsafe impl Sync for EmbreeScene {}
 
 impl EmbreeScene {
-    /// Built at Embree's highest quality. `robust` asks for tests that miss no edge, as ours do; without it Embree is at its fastest.
+    /// Built at Embree's highest quality. `robust` asks for tests that miss no edge, as ours do; without it Embree is at its fastest. The
+    /// environment variable `EMBREE_CONFIG` holds what Embree's manual calls the configuration of a device, as `max_isa=avx2`.
     ///
     /// # Errors
     /// Embree's error number.
@@ -321,9 +322,11 @@ impl EmbreeScene {
         const VERTICES: (c_int, c_int) = (1, 0x9003);
         const HIGH: c_int = 2;
         const ROBUST: c_int = 1 << 2;
-        // SAFETY: handles are used as they were made, and the buffers are as long as was asked for: three numbers of four bytes an item.
+        let config = std::env::var("EMBREE_CONFIG").unwrap_or_default();
+        let config = CString::new(config).map_err(|error| format!("EMBREE_CONFIG: {error}"))?;
+        // SAFETY: handles are used as they were made, the configuration ends in a zero, and the buffers are as long as was asked for: three numbers of four bytes an item.
         unsafe {
-            let device = rtcNewDevice(c"set_affinity=0".as_ptr());
+            let device = rtcNewDevice(config.as_ptr());
             if device.is_null() {
                 return Err(format!("Embree gives no device: error {}", rtcGetDeviceError(ptr::null_mut())));
             }

@@ -14,6 +14,8 @@ pub(crate) struct Machine {
     pub(crate) cores: usize,
     /// `null` where the system does not tell.
     pub(crate) memory_bytes: Option<u64>,
+    /// Threads that wanted a core in the minute before the run, in the mean; what else runs disturbs times. `null` where the system does not tell.
+    pub(crate) load: Option<f64>,
 }
 
 impl Machine {
@@ -26,6 +28,7 @@ impl Machine {
             system: std::env::consts::OS,
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             memory_bytes: field(&read("/proc/meminfo"), "MemTotal").and_then(kibibytes),
+            load: read("/proc/loadavg").split(' ').next().and_then(|load| load.parse().ok()),
         }
     }
 
@@ -36,7 +39,9 @@ impl Machine {
             .memory_bytes
             .map_or_else(String::new, |bytes| format!(", {:.0} GiB", bytes as f64 / f64::from(1 << 30)));
         let cores = if self.cores == 1 { "one core".to_owned() } else { format!("{} cores", self.cores) };
-        format!("{processor}, {cores}{memory}, {} {}", self.system, self.architecture)
+        let load =
+            self.load.map_or_else(String::new, |load| format!(", under a load of {load:.1} when it began"));
+        format!("{processor}, {cores}{memory}, {} {}{load}", self.system, self.architecture)
     }
 }
 
@@ -72,9 +77,14 @@ mod tests {
             system: "linux",
             cores: 2,
             memory_bytes: Some(24 << 30),
+            load: Some(0.25),
         };
-        assert_eq!(machine.sentence(), "Some CPU, 2 cores, 24 GiB, linux x86_64");
-        let unknown = Machine { processor: String::new(), memory_bytes: None, cores: 1, ..machine };
+        assert_eq!(
+            machine.sentence(),
+            "Some CPU, 2 cores, 24 GiB, linux x86_64, under a load of 0.2 when it began"
+        );
+        let unknown =
+            Machine { processor: String::new(), memory_bytes: None, cores: 1, load: None, ..machine };
         assert_eq!(unknown.sentence(), "an unknown processor, one core, linux x86_64");
     }
 }

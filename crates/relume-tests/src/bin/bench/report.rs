@@ -185,6 +185,7 @@ pub(crate) fn example() -> Report {
             system: "linux",
             cores: 2,
             memory_bytes: None,
+            load: None,
         },
         quality: "draft".into(),
         frames: 8,

@@ -1,0 +1,134 @@
+//! How much memory the stages of a preparation need, by their sizes.
+//!
+//! Figures with a unit were measured and are rounded up: what is told to fit must fit.
+
+use super::effort::{bounce_block, receiver_block};
+use super::low_rank::LowRankSettings;
+use super::shot::SIGHT_RAYS;
+use super::{Encoding, Multibounce, Settings};
+use crate::scene::Scene;
+
+/// Of a triangle: what it is in world space, its part of an acceleration structure, and what is needed to build that.
+const A_TRIANGLE: u64 = 400;
+/// Of a pixel: its view samples, what they hit and where they gather.
+const A_PIXEL: u64 = 800;
+/// Of a ray that tells who sees what.
+const A_SIGHT_RAY: u64 = 22;
+/// Of a gather sample: while its cell is made beside such rays, while its portrait is taken, and then on.
+const A_CELL: [u64; 3] = [1500, 4200, 3300];
+/// Most gather samples that there can be.
+const MOST_CELLS: usize = 1 << 20;
+/// Of a photon.
+const A_PHOTON: u64 = 96;
+/// Of a receiver's row, encoded, in a block and in the operator.
+const AN_ENCODED_ROW: u64 = 640;
+/// Of an entry of a row, while it is made: what rays have found and seen, a share of what the entry itself takes. What it turns out to be is
+/// measured.
+const SCRATCH: f64 = 0.15;
+
+/// What making one block of rows takes, bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct BlockNeeds {
+    /// Rows and what they are made with, by an estimate.
+    pub(super) rows: u64,
+    /// Copies that the encoder makes of parts of them, at most.
+    pub(super) encoder: u64,
+}
+
+impl BlockNeeds {
+    /// For blocks of up to `rows` rows of `count` entries, stored by their own coefficients.
+    pub(super) fn of_rows(rows: usize, count: usize) -> Self {
+        let entries = (rows * count * size_of::<f32>()) as f64;
+        Self { rows: (entries * (1.0 + SCRATCH)) as u64, encoder: (count * 32) as u64 }
+    }
+
+    /// The same, stored as [`Encoding::LowRank`], with what `lights` training lights teach.
+    pub(super) fn of_low_rank(rows: usize, count: usize, settings: &LowRankSettings, lights: usize) -> Self {
+        let candidates = (3 * settings.kept / 2).min(count);
+        let width = (settings.rank + 8).min(rows);
+        // the block cut to the candidates, the same with responses, what was learned of them; directions across, twice; the basis, in double precision
+        let values = 2 * rows * (candidates + lights)
+            + candidates * lights
+            + 2 * width * (candidates + lights)
+            + 8 * width * (rows + width);
+        let base = Self::of_rows(rows, count);
+        Self { encoder: base.encoder + (values * size_of::<f32>()) as u64, ..base }
+    }
+
+    pub(super) fn bytes(self) -> u64 {
+        self.rows + self.encoder
+    }
+}
+
+/// What a preparation takes beside the scene, bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Needs {
+    /// Of the scene as rays meet it and what the camera sees of it.
+    pub(super) looked: u64,
+    /// Of all that follows, at most at once.
+    pub(super) after_looking: u64,
+    /// Of what follows on the gather cloud.
+    pub(super) after_cloud: u64,
+    /// Of the cloud itself.
+    pub(super) cloud: u64,
+}
+
+impl Needs {
+    /// `makes_rows` says whether there are blocks to be made.
+    pub(super) fn new(settings: &Settings, scene: &Scene, makes_rows: bool) -> Self {
+        let Settings { gather, size: (width, height), sharing, .. } = *settings;
+        // others are refused by whoever makes the cloud
+        let count = gather.min(MOST_CELLS);
+        let effort = settings.quality.effort();
+        let (pixels, cells) = ((width * height) as u64, count as u64);
+        let lights = effort.training_lights as u64;
+        let block = |rows: usize, encoding: &LowRankSettings| match settings.encoding {
+            Encoding::LowRank => BlockNeeds::of_low_rank(rows, count, encoding, effort.training_lights),
+            Encoding::HaarRows | Encoding::HaarBlocks => BlockNeeds::of_rows(rows, count),
+        };
+        let blocks = [
+            block(bounce_block(count), &effort.bounce_encoding),
+            block(receiver_block(width * height / sharing), &effort.gather_encoding),
+        ];
+        let block = blocks.map(BlockNeeds::bytes).into_iter().max().filter(|_| makes_rows).unwrap_or(0);
+        let photons = match settings.multibounce {
+            Multibounce::Photon => A_PHOTON * settings.photons.count as u64,
+            Multibounce::Iterated => 0,
+        };
+        // the lights, their coefficients, and what is learned of these; of the three, the second is gone when blocks are made
+        let learned = lights * cells * size_of::<f32>() as u64;
+        let after_cloud = (3 * learned).max(2 * learned + photons + block);
+        let rays = (64 * pixels).min((SIGHT_RAYS / sharing) as u64);
+        let [beside_rays, portrait, then] = A_CELL.map(|bytes| bytes * cells);
+        let making_cloud = (A_SIGHT_RAY * rays + beside_rays).max(portrait);
+        Self {
+            looked: A_TRIANGLE * triangles(scene) + A_PIXEL * pixels,
+            after_looking: making_cloud.max(then + after_cloud),
+            after_cloud,
+            cloud: then,
+        }
+    }
+}
+
+/// What so many rows take once they are encoded.
+pub(super) fn encoded_bytes(rows: usize) -> u64 {
+    AN_ENCODED_ROW * rows as u64
+}
+
+fn triangles(scene: &Scene) -> u64 {
+    let of_mesh = |mesh: usize| scene.meshes.get(mesh).map_or(0, |mesh| mesh.triangles.len() as u64);
+    scene.instances.iter().map(|instance| of_mesh(instance.mesh)).sum()
+}
+
+/// What a scene takes: its textures and meshes, bytes.
+pub(super) fn scene_bytes(scene: &Scene) -> u64 {
+    let texels: usize = scene.textures.iter().map(|texture| size_of_val(&*texture.texels)).sum();
+    let meshes = scene.meshes.iter().map(|mesh| {
+        size_of_val(&*mesh.positions)
+            + size_of_val(&*mesh.normals)
+            + size_of_val(&*mesh.uvs)
+            + size_of_val(&*mesh.tangents)
+            + size_of_val(&*mesh.triangles)
+    });
+    (texels + meshes.sum::<usize>()) as u64
+}

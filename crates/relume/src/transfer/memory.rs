@@ -6,6 +6,9 @@
 
 use crate::{Error, Result};
 
+/// A refusal asks for more than was found to be needed, by one part in so many.
+const TOLD_MORE: u64 = 16;
+
 /// How much memory the process may take, if there is a limit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Memory {
@@ -44,12 +47,12 @@ impl Memory {
 
 /// Why nothing can be prepared within `limit` bytes where `needed` are needed.
 pub(super) fn too_little(needed: u64, limit: u64) -> Error {
-    // rounded away from each other, so that what is told is enough
-    let mebibytes = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    // what is told must be enough at the next check as well: what is in use differs a little from run to run
+    let told = needed + needed / TOLD_MORE + (8 << 20);
     Error::Setting(format!(
-        "this preparation needs about {:.0} MiB of memory and may take {:.0} MiB; give it more (--memory), or lower --size or --gather",
-        mebibytes(needed).ceil(),
-        mebibytes(limit).floor()
+        "this preparation needs about {} MB of memory and may take {} MB; give it more (--memory), or lower --size or --gather",
+        told.div_ceil(1_000_000),
+        limit / 1_000_000
     ))
 }
 
@@ -85,7 +88,7 @@ mod tests {
         let told = memory.check(1 << 44).unwrap_err();
         assert!(told.is_bad_input());
         let told = told.to_string();
-        assert!(told.contains("may take 16777216 MiB; give it more (--memory)"), "{told}");
+        assert!(told.contains("may take 17592186 MB; give it more (--memory)"), "{told}");
     }
 
     #[cfg(target_os = "linux")]

@@ -229,18 +229,20 @@ impl<'a> Preparation<'a> {
     fn transfer(
         &self,
         settings: &Settings,
-        looked: Looked<'_>,
+        mut looked: Looked<'_>,
         finished: Finished<'_>,
         stages: Stages<'_>,
     ) -> Result<Transfer> {
+        let hits = std::mem::take(&mut looked.hits);
         let (opaque, accel) = looked.opaque();
         let needs = Needs::new(settings, self.scene, !finished.complete);
         let memory = Memory::new(self.memory_limit).with(scene_bytes(self.scene) + needs.looked);
         memory.check(needs.after_looking)?;
         let memory = memory.with(needs.cloud);
         let shot = Shot { scene: self.scene, geometry: opaque, accel, settings, finished, memory };
-        let Looked { camera, geometry, view, hits, .. } = &looked;
-        let (receivers, cloud, map) = shot.samples(camera, view, hits, &stages)?;
+        let Looked { camera, geometry, view, .. } = &looked;
+        let (receivers, cloud, map) = shot.samples(camera, view, &hits, &stages)?;
+        drop(hits);
         memory.check(needs.after_cloud)?;
         let (gather, bounce, owners) = shot.operators(&receivers, &cloud, &map, &stages)?;
         let of_centers = [&receivers.of_centers[..], &receivers.of_center_branches[..]];

@@ -69,8 +69,8 @@ pub(super) struct Needs {
     pub(super) after_looking: u64,
     /// Of what follows on the gather cloud.
     pub(super) after_cloud: u64,
-    /// Of the cloud itself.
-    pub(super) cloud: u64,
+    /// Of the cloud and what is learned on it: what is there while blocks are made.
+    pub(super) beside_blocks: u64,
 }
 
 impl Needs {
@@ -105,7 +105,7 @@ impl Needs {
             looked: A_TRIANGLE * triangles(scene) + A_PIXEL * pixels,
             after_looking: making_cloud.max(then + after_cloud),
             after_cloud,
-            cloud: then,
+            beside_blocks: then + 2 * learned,
         }
     }
 }
@@ -131,4 +131,49 @@ pub(super) fn scene_bytes(scene: &Scene) -> u64 {
             + size_of_val(&*mesh.triangles)
     });
     (texels + meshes.sum::<usize>()) as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn needed(settings: &Settings, makes_rows: bool) -> u64 {
+        let needs = Needs::new(settings, &Scene::default(), makes_rows);
+        needs.looked + needs.after_looking
+    }
+
+    #[test]
+    fn a_preparation_needs_most_for_a_block_and_for_its_cells() {
+        let settings = Settings::default();
+        let standard = needed(&settings, true);
+        assert!((1_000_000_000..1_300_000_000).contains(&standard), "{standard}");
+        // of 1024 rows of 65,536 entries, and less than as much again
+        let block = BlockNeeds::of_low_rank(1024, 65_536, &settings.quality.effort().gather_encoding, 400);
+        assert!((268_435_456..500_000_000).contains(&block.bytes()), "{block:?}");
+        assert!(standard - needed(&settings, false) > block.bytes() / 2, "merging makes none");
+        let smaller = Settings { size: (320, 240), ..settings.clone() };
+        let coarser = Settings { gather: 16_384, ..settings.clone() };
+        assert!(
+            needed(&smaller, true) < standard
+                && needed(&coarser, true) < standard / 2 + needed(&smaller, true) / 2
+        );
+        // what nobody can prepare is refused elsewhere, and must not be too much for these sums
+        let endless = Settings { size: (16_384, 16_384), gather: usize::MAX, ..settings };
+        assert!(needed(&endless, true) > standard);
+    }
+
+    #[test]
+    fn triangles_count_where_they_stand() {
+        let mesh = crate::scene::Mesh { triangles: vec![[0, 1, 2]; 10], ..Default::default() };
+        let instance = |mesh| crate::scene::Instance {
+            name: String::new(),
+            mesh,
+            world_from_object: glam::Affine3A::IDENTITY,
+            object: 0,
+        };
+        let scene =
+            Scene { meshes: vec![mesh], instances: vec![instance(0), instance(0)], ..Scene::default() };
+        assert_eq!(triangles(&scene), 20);
+        assert_eq!(scene_bytes(&scene), 120);
+    }
 }

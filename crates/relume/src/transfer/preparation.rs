@@ -153,8 +153,9 @@ impl<'a> Preparation<'a> {
         }
         let (geometry, accel) = looked.opaque();
         let (settings, finished) = (&self.settings, files.finished(false));
-        let memory = memory.with(needs.looked + needs.cloud);
-        let shot = Shot { scene: self.scene, geometry, accel, settings, finished, memory };
+        let memory = memory.with(needs.looked);
+        let beside = memory.with(needs.beside_blocks);
+        let shot = Shot { scene: self.scene, geometry, accel, settings, finished, memory: beside };
         let (receivers, cloud, map) = shot.samples(camera, &looked.view, &looked.hits, progress)?;
         memory.check(needs.after_cloud)?;
         shot.share(&receivers, (&cloud, &map), (shard, bounces_only), progress)
@@ -238,8 +239,8 @@ impl<'a> Preparation<'a> {
         let needs = Needs::new(settings, self.scene, !finished.complete);
         let memory = Memory::new(self.memory_limit).with(scene_bytes(self.scene) + needs.looked);
         memory.check(needs.after_looking)?;
-        let memory = memory.with(needs.cloud);
-        let shot = Shot { scene: self.scene, geometry: opaque, accel, settings, finished, memory };
+        let beside = memory.with(needs.beside_blocks);
+        let shot = Shot { scene: self.scene, geometry: opaque, accel, settings, finished, memory: beside };
         let Looked { camera, geometry, view, .. } = &looked;
         let (receivers, cloud, map) = shot.samples(camera, view, &hits, &stages)?;
         drop(hits);

@@ -13,7 +13,7 @@ const A_TRIANGLE: u64 = 400;
 /// Of a pixel: its view samples, what they hit and where they gather.
 const A_PIXEL: u64 = 800;
 /// Of a ray that tells who sees what.
-const A_SIGHT_RAY: u64 = 22;
+const A_SIGHT_RAY: u64 = 26;
 /// Of a gather sample: while its cell is made beside such rays, while its portrait is taken, and then on.
 const A_CELL: [u64; 3] = [1500, 4200, 3300];
 /// Most gather samples that there can be.

@@ -10,7 +10,7 @@ use super::haar_rows::HaarRows;
 use super::low_rank::{LowRank, LowRankSettings};
 use super::low_rank_encoder;
 use super::memory::Memory;
-use super::needs::{BlockNeeds, encoded_bytes};
+use super::needs::{BlockNeeds, encoded_coefficients, encoded_low_rank};
 use super::paper_rows::PaperRows;
 use super::photons::PhotonMap;
 use super::prior::LightPrior;
@@ -83,6 +83,14 @@ impl Encoder<'_> {
                 BlockNeeds::of_low_rank(rows, count, &settings, prior.lights + prior.held_lights)
             }
             Self::Haar(_) => BlockNeeds::of_rows(rows, count),
+        }
+    }
+
+    /// What so many rows are expected to take once they are encoded, bytes.
+    fn encoded(self, rows: usize) -> u64 {
+        match self {
+            Self::LowRank { settings, .. } => encoded_low_rank(rows, &settings),
+            Self::Haar(haar) => encoded_coefficients(rows, haar.per_row),
         }
     }
 
@@ -256,7 +264,7 @@ impl<'a> Work<'a> {
     /// What memory there is for blocks, and what they take; finished, all of them together.
     fn needs(&self) -> (Memory, BlockNeeds, u64) {
         let longest = self.runs.iter().map(|run| run.len()).max().unwrap_or(0);
-        let encoded = encoded_bytes(self.runs.iter().map(|run| run.len()).sum());
+        let encoded = self.plan.encoder.encoded(self.runs.iter().map(|run| run.len()).sum());
         let block = match self.finished.complete {
             true => BlockNeeds::default(),
             false => self.plan.encoder.needs(longest, self.plan.count),

@@ -20,8 +20,13 @@ const A_CELL: [u64; 3] = [1500, 4200, 3300];
 const MOST_CELLS: usize = 1 << 20;
 /// Of a photon.
 const A_PHOTON: u64 = 96;
-/// Of a receiver's row, encoded, in a block and in the operator.
-const AN_ENCODED_ROW: u64 = 640;
+/// Of a row that is encoded at [`USUAL_PRICE`], diffuse and glossy; more where bytes are cheaper, by this power: in sponza 250 bytes in blocks of 1024 rows
+/// and 2400 in those of 64, at a sixteenth of the price.
+const AN_ENCODED_ROW: f64 = 320.0;
+const USUAL_PRICE: f64 = 4.5e-7;
+const CHEAPER: f64 = 0.75;
+/// Receivers for a pixel.
+const RECEIVERS: f64 = 1.15;
 /// Of an entry of a row, while it is made: what rays have found and seen, a share of what the entry itself takes. What it turns out to be is
 /// measured.
 const SCRATCH: f64 = 0.15;
@@ -82,22 +87,30 @@ impl Needs {
         let effort = settings.quality.effort();
         let (pixels, cells) = ((width * height) as u64, count as u64);
         let lights = effort.training_lights as u64;
-        let block = |rows: usize, encoding: &LowRankSettings| match settings.encoding {
-            Encoding::LowRank => BlockNeeds::of_low_rank(rows, count, encoding, effort.training_lights),
-            Encoding::HaarRows | Encoding::HaarBlocks => BlockNeeds::of_rows(rows, count),
-        };
-        let blocks = [
-            block(bounce_block(count), &effort.bounce_encoding),
-            block(receiver_block(width * height / sharing), &effort.gather_encoding),
+        let receivers = (RECEIVERS * pixels as f64) as usize / sharing;
+        let operators = [
+            (count, bounce_block(count), effort.bounce_encoding),
+            (receivers, receiver_block(width * height / sharing), effort.gather_encoding),
         ];
-        let block = blocks.map(BlockNeeds::bytes).into_iter().max().filter(|_| makes_rows).unwrap_or(0);
+        let blocks = operators.map(|(rows, length, encoding)| match settings.encoding {
+            Encoding::LowRank => {
+                let block = BlockNeeds::of_low_rank(length, count, &encoding, effort.training_lights);
+                (block.bytes(), encoded_low_rank(rows, &encoding.of_blocks(length)))
+            }
+            Encoding::HaarRows | Encoding::HaarBlocks => (
+                BlockNeeds::of_rows(length, count).bytes(),
+                encoded_coefficients(rows, settings.coefficients),
+            ),
+        });
+        let block = blocks.iter().map(|block| block.0).max().filter(|_| makes_rows).unwrap_or(0);
+        let encoded: u64 = blocks.iter().map(|block| block.1).sum();
         let photons = match settings.multibounce {
             Multibounce::Photon => A_PHOTON * settings.photons.count as u64,
             Multibounce::Iterated => 0,
         };
         // the lights, their coefficients, and what is learned of these; of the three, the second is gone when blocks are made
         let learned = lights * cells * size_of::<f32>() as u64;
-        let after_cloud = (3 * learned).max(2 * learned + photons + block);
+        let after_cloud = (3 * learned).max(2 * learned + photons + block + encoded);
         let rays = (64 * pixels).min((SIGHT_RAYS / sharing) as u64);
         let [beside_rays, portrait, then] = A_CELL.map(|bytes| bytes * cells);
         let making_cloud = (A_SIGHT_RAY * rays + beside_rays).max(portrait);
@@ -110,9 +123,15 @@ impl Needs {
     }
 }
 
-/// What so many rows take once they are encoded.
-pub(super) fn encoded_bytes(rows: usize) -> u64 {
-    AN_ENCODED_ROW * rows as u64
+/// What so many rows are expected to take as blocks of [`Encoding::LowRank`], bytes.
+pub(super) fn encoded_low_rank(rows: usize, settings: &LowRankSettings) -> u64 {
+    let cheap = (USUAL_PRICE / f64::from(settings.price)).max(1.0);
+    (AN_ENCODED_ROW * rows as f64 * cheap.powf(CHEAPER)) as u64
+}
+
+/// What so many rows take by their own coefficients, diffuse and glossy: places and values, bytes.
+pub(super) fn encoded_coefficients(rows: usize, per_row: usize) -> u64 {
+    2 * rows as u64 * (8 * per_row as u64 + 8)
 }
 
 fn triangles(scene: &Scene) -> u64 {
@@ -146,10 +165,12 @@ mod tests {
     fn a_preparation_needs_most_for_a_block_and_for_its_cells() {
         let settings = Settings::default();
         let standard = needed(&settings, true);
-        assert!((1_000_000_000..1_300_000_000).contains(&standard), "{standard}");
+        assert!((1_000_000_000..1_500_000_000).contains(&standard), "{standard}");
         // of 1024 rows of 65,536 entries, and less than as much again
         let block = BlockNeeds::of_low_rank(1024, 65_536, &settings.quality.effort().gather_encoding, 400);
         assert!((268_435_456..500_000_000).contains(&block.bytes()), "{block:?}");
+        let rows = [1024, 64].map(|length| settings.quality.effort().gather_encoding.of_blocks(length));
+        assert_eq!(rows.map(|encoding| encoded_low_rank(100, &encoding)), [32_000, 256_000]);
         assert!(standard - needed(&settings, false) > block.bytes() / 2, "merging makes none");
         let smaller = Settings { size: (320, 240), ..settings.clone() };
         let coarser = Settings { gather: 16_384, ..settings.clone() };

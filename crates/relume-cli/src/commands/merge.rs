@@ -12,6 +12,7 @@ use super::prepare::{BLOCKS, Saved};
 use crate::arguments::Threads;
 use crate::console::Console;
 use crate::interrupt;
+use crate::memory::Limit;
 use crate::output::{check_output, ending};
 use crate::scene_file;
 
@@ -31,6 +32,8 @@ pub(crate) struct Arguments {
     output: PathBuf,
     #[command(flatten)]
     threads: Threads,
+    #[command(flatten)]
+    memory: Limit,
     /// Print one JSON object on stdout.
     #[arg(long)]
     json: bool,
@@ -64,16 +67,17 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     arguments.threads.start()?;
     let imported = scene_file::read(&arguments.scene, console)?;
     let read = began.elapsed().as_secs_f64();
-    let transfer = Preparation::new(&imported.scene)
+    let preparation = Preparation::new(&imported.scene)
         .name(scene_file::name(&arguments.scene))
         .settings(of.settings.clone())
-        .finished_blocks(arguments.blocks.iter().cloned())
-        .merge(&console.progress())?;
+        .finished_blocks(arguments.blocks.iter().cloned());
+    let transfer = arguments.memory.of(preparation)?.merge(&console.progress())?;
     let saved = Saved {
         scene: &arguments.scene,
         cache: &arguments.output,
         began,
         read,
+        memory: arguments.memory,
         warnings: &imported.warnings,
     };
     saved.save(&transfer, arguments.json, console)

@@ -14,7 +14,7 @@ use serde::Serialize;
 use crate::arguments::{Threads, gather_count, image_size, percent_of_light};
 use crate::console::Console;
 use crate::interrupt;
-use crate::memory::peak_resident_bytes;
+use crate::memory::{Limit, peak_resident_bytes};
 use crate::output::check_output;
 use crate::report::{Table, bytes, count, duration, percent, plural};
 use crate::scene_file;
@@ -92,6 +92,8 @@ pub(crate) struct Arguments {
     seed: u32,
     #[command(flatten)]
     threads: Threads,
+    #[command(flatten)]
+    memory: Limit,
     /// Print one JSON object on stdout.
     #[arg(long)]
     json: bool,
@@ -213,6 +215,8 @@ struct Figures<'a> {
     seconds: f64,
     /// `null` where the system does not tell.
     peak_rss_bytes: Option<u64>,
+    /// `null` without --memory.
+    memory_limit_bytes: Option<u64>,
     cache_bytes: u64,
     bytes_per_pixel: f64,
     rays_per_pixel: f64,
@@ -257,6 +261,7 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     let mut preparation = Preparation::new(&imported.scene)
         .name(scene_file::name(&arguments.scene))
         .settings(arguments.settings(camera, photons));
+    preparation = arguments.memory.of(preparation)?;
     if let Some(shard) = arguments.shard {
         return blocks_of_shard(preparation, shard, arguments, (&cache, began), console);
     }
@@ -275,7 +280,8 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     } else {
         preparation.run(&console.progress())
     };
-    let saved = Saved { scene: &arguments.scene, cache: &cache, began, read, warnings: &imported.warnings };
+    let (scene, memory) = (&arguments.scene, arguments.memory);
+    let saved = Saved { scene, cache: &cache, began, read, memory, warnings: &imported.warnings };
     let saved = prepared.and_then(|transfer| saved.save(&transfer, arguments.json, console));
     if saved.is_err() && !arguments.no_checkpoint {
         tell_of_blocks(&kept, console);
@@ -303,6 +309,7 @@ pub(crate) struct Saved<'a> {
     pub(crate) began: Instant,
     /// Seconds that reading the scene took.
     pub(crate) read: f64,
+    pub(crate) memory: Limit,
     pub(crate) warnings: &'a [String],
 }
 
@@ -312,7 +319,7 @@ impl Saved<'_> {
     /// # Errors
     /// As of [`Transfer::save`] and [`Console::result`].
     pub(crate) fn save(&self, transfer: &Transfer, json: bool, console: &Console) -> Result<()> {
-        let Self { scene, cache, began, read, warnings } = *self;
+        let Self { scene, cache, began, read, memory, warnings } = *self;
         let writing = Instant::now();
         console.stage("writing the cache", || transfer.save(cache))?;
         let mut stages = vec![Stage { name: "reading the scene", seconds: read }];
@@ -324,6 +331,7 @@ impl Saved<'_> {
             cache,
             seconds: began.elapsed().as_secs_f64(),
             peak_rss_bytes: peak_resident_bytes(),
+            memory_limit_bytes: memory.bytes,
             cache_bytes: cache.metadata().map_err(|error| Error::io(cache, "read", error))?.len(),
             stages,
             warnings,
@@ -355,6 +363,7 @@ struct ShardFigures<'a> {
     blocks: usize,
     seconds: f64,
     peak_rss_bytes: Option<u64>,
+    memory_limit_bytes: Option<u64>,
     file_bytes: u64,
 }
 
@@ -384,6 +393,7 @@ fn blocks_of_shard(
         blocks,
         seconds: began.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_resident_bytes(),
+        memory_limit_bytes: arguments.memory.bytes,
         file_bytes: own.metadata().map_or(0, |metadata| metadata.len()),
     };
     if arguments.json {
@@ -393,7 +403,7 @@ fn blocks_of_shard(
     table.line("shard", format!("{} of {}, {}", shard.number, shard.of, plural(blocks, "block", "blocks")));
     table.line("time", duration(figures.seconds));
     table.line("blocks", format!("{}, {}", own.display(), bytes(figures.file_bytes)));
-    table.line("peak memory", figures.peak_rss_bytes.map_or("not known".to_owned(), bytes));
+    table.line("peak memory", arguments.memory.told(figures.peak_rss_bytes));
     console.result(&table.to_string())
 }
 
@@ -482,6 +492,7 @@ impl<'a> Figures<'a> {
             cache: Path::new(""),
             seconds: 0.0,
             peak_rss_bytes: None,
+            memory_limit_bytes: None,
             cache_bytes: 0,
             bytes_per_pixel: transfer.bytes_per_pixel(),
             rays_per_pixel: report.rays_per_pixel,
@@ -555,7 +566,8 @@ impl std::fmt::Display for Figures<'_> {
             self.bounce_encoding_error,
         );
         table.line("cache", format!("{}, {}", self.cache.display(), bytes(self.cache_bytes)));
-        table.line("peak memory", self.peak_rss_bytes.map_or("not known".to_owned(), bytes));
+        let memory = Limit { bytes: self.memory_limit_bytes };
+        table.line("peak memory", memory.told(self.peak_rss_bytes));
         write!(f, "{table}")
     }
 }

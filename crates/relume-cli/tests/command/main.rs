@@ -5,6 +5,7 @@ mod determinism;
 mod examples;
 mod farm;
 mod jobs;
+mod memory;
 mod refusals;
 mod sequence;
 mod support;

@@ -15,7 +15,7 @@ use glam::{Vec2, Vec3};
 use memmap2::Mmap;
 use rayon::prelude::*;
 use safetensors::SafeTensors;
-use safetensors::tensor::{Dtype, TensorView, serialize};
+use safetensors::tensor::{Dtype, Metadata, TensorInfo};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
@@ -182,13 +182,17 @@ impl Transfer {
         tensors.add("masks.ids", Dtype::U32, &[], &occluders.masks.mask_ids);
         tensors.add("masks.uvs", Dtype::F32, &[3, 2], &occluders.masks.uvs);
         tensors.add("masks.alpha", Dtype::U8, &[], &alpha);
-        let bytes = self
-            .serialized(tensors)
-            .map_err(|message| Error::io(path, "write", std::io::Error::other(message)))?;
-        atomic_write(path, |file| file.write_all(&bytes).map_err(|error| Error::io(path, "write", error)))
+        let refused = |error| Error::io(path, "write", error);
+        let head = self.head(&mut tensors).map_err(|message| refused(std::io::Error::other(message)))?;
+        // array after array: all of them in one piece would be the whole cache in memory once more
+        let parts = tensors.0.iter().map(|&(.., bytes)| bytes);
+        atomic_write(path, |file| {
+            std::iter::once(&*head).chain(parts).try_for_each(|part| file.write_all(part)).map_err(refused)
+        })
     }
 
-    fn serialized(&self, tensors: Tensors<'_>) -> Result<Vec<u8>, String> {
+    /// What a file of `tensors` begins with; puts them in the order in which they follow it: that of the library, large elements first, by name.
+    fn head(&self, tensors: &mut Tensors<'_>) -> Result<Vec<u8>, String> {
         let checksum = |(name, dtype, shape, bytes): &(String, Dtype, Vec<usize>, &[u8])| {
             (name.clone(), checksum(*dtype, shape, bytes))
         };
@@ -207,13 +211,19 @@ impl Transfer {
         let header = serde_json::value::to_raw_value(&header).map_err(|error| error.to_string())?;
         let sealed = Sealed { seal: seal(&header), header };
         let json = serde_json::to_string(&sealed).map_err(|error| error.to_string())?;
-        let views = tensors
-            .0
-            .into_iter()
-            .map(|(name, dtype, shape, bytes)| Ok((name, TensorView::new(dtype, shape, bytes)?)))
-            .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()
+        tensors.0.sort_by(|(a, large, ..), (b, larger, ..)| larger.cmp(large).then(a.cmp(b)));
+        let mut end = 0;
+        let place = |(name, dtype, shape, bytes): &(String, Dtype, Vec<usize>, &[u8])| {
+            let data_offsets = (end, end + bytes.len());
+            end = data_offsets.1;
+            (name.clone(), TensorInfo { dtype: *dtype, shape: shape.clone(), data_offsets })
+        };
+        let places = tensors.0.iter().map(place).collect();
+        let metadata = Metadata::new(Some(HashMap::from([(KEY.to_owned(), json)])), places);
+        let mut text = serde_json::to_vec(&metadata.map_err(|error| error.to_string())?)
             .map_err(|error| error.to_string())?;
-        serialize(views, Some(HashMap::from([(KEY.to_owned(), json)]))).map_err(|error| error.to_string())
+        text.resize(text.len().next_multiple_of(8), b' ');
+        Ok([&(text.len() as u64).to_le_bytes()[..], &text].concat())
     }
 
     /// Opens a file that [`Self::save`] wrote. The operators stay in the mapped file; the rest is read.

@@ -1,8 +1,5 @@
 //! Computing an operator: blocks of rows are made, transformed, encoded and dropped.
 
-use std::sync::Mutex;
-
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::block_file::{BlockFile, Part, Shard};
@@ -12,12 +9,15 @@ use super::haar_blocks::HaarBlocks;
 use super::haar_rows::HaarRows;
 use super::low_rank::{LowRank, LowRankSettings};
 use super::low_rank_encoder;
+use super::memory::Memory;
+use super::needs::{BlockNeeds, encoded_coefficients, encoded_low_rank};
 use super::paper_rows::PaperRows;
 use super::photons::PhotonMap;
 use super::prior::LightPrior;
 use super::rows::{RowScratch, RowSource};
 use super::selection::KeptRows;
 use super::tiles::GatherPoint;
+use super::workers::{self, side_by_side};
 use super::{EncodingError, ImageLayout, Matrix, Operator, haar};
 use crate::progress::Progress;
 use crate::{Error, Result};
@@ -76,6 +76,24 @@ impl Encoder<'_> {
         Self::LowRank { settings, prior }
     }
 
+    /// What a block of up to `rows` rows takes.
+    fn needs(self, rows: usize, count: usize) -> BlockNeeds {
+        match self {
+            Self::LowRank { settings, prior } => {
+                BlockNeeds::of_low_rank(rows, count, &settings, prior.lights + prior.held_lights)
+            }
+            Self::Haar(_) => BlockNeeds::of_rows(rows, count),
+        }
+    }
+
+    /// What so many rows are expected to take once they are encoded, bytes.
+    fn encoded(self, rows: usize) -> u64 {
+        match self {
+            Self::LowRank { settings, .. } => encoded_low_rank(rows, &settings),
+            Self::Haar(haar) => encoded_coefficients(rows, haar.per_row),
+        }
+    }
+
     /// `rows` rows of `count` zeros.
     fn nothing(self, rows: usize, count: usize) -> EncodedBlock {
         match self {
@@ -88,6 +106,14 @@ impl Encoder<'_> {
 }
 
 impl EncodedBlock {
+    /// What it takes in memory.
+    fn bytes(&self) -> usize {
+        match self {
+            Self::LowRank(blocks) => blocks.iter().map(low_rank_encoder::Encoded::memory).sum(),
+            Self::Haar(rows) => rows.memory(),
+        }
+    }
+
     /// Makes what the block holds and misses count so many times.
     fn weigh(&mut self, weight: f64) {
         match self {
@@ -110,6 +136,8 @@ pub(super) struct Plan<'a> {
     pub(super) glossy: bool,
     /// Columns: cells of the cloud.
     pub(super) count: usize,
+    /// How much of it blocks may take.
+    pub(super) memory: Memory,
 }
 
 /// Operators and what they took.
@@ -145,6 +173,11 @@ struct Done {
 }
 
 impl Done {
+    /// What it takes in memory, bytes.
+    fn bytes(&self) -> u64 {
+        (self.diffuse.bytes() + self.glossy.as_ref().map_or(0, EncodedBlock::bytes)) as u64
+    }
+
     /// Whether it is what `plan` would make of so many rows, as far as one can see.
     fn is_sound(&self, plan: Plan<'_>, rows: usize) -> bool {
         let sound = |block: &EncodedBlock| match (block, plan.encoder) {
@@ -213,7 +246,6 @@ struct Work<'a> {
     part: Part,
     runs: Vec<&'a [GatherPoint]>,
     finished: Finished<'a>,
-    workplaces: Workplaces,
 }
 
 impl<'a> Work<'a> {
@@ -226,10 +258,21 @@ impl<'a> Work<'a> {
             rest = after;
         }
         let plan = Plan { glossy: plan.glossy && blocks.points.iter().any(|p| p.lobe.is_some()), ..plan };
-        Self { plan, part, runs, finished, workplaces: Workplaces::default() }
+        Self { plan, part, runs, finished }
     }
 
-    fn block(&self, block: usize, progress: &dyn Progress) -> Result<Done> {
+    /// What memory there is for blocks, and what they take; finished, all of them together.
+    fn needs(&self) -> (Memory, BlockNeeds, u64) {
+        let longest = self.runs.iter().map(|run| run.len()).max().unwrap_or(0);
+        let encoded = self.plan.encoder.encoded(self.runs.iter().map(|run| run.len()).sum());
+        let block = match self.finished.complete {
+            true => BlockNeeds::default(),
+            false => self.plan.encoder.needs(longest, self.plan.count),
+        };
+        (self.plan.memory, block, encoded)
+    }
+
+    fn block(&self, block: usize, workplace: &mut Workplace, progress: &dyn Progress) -> Result<Done> {
         if progress.cancelled() {
             return Err(Error::Cancelled);
         }
@@ -245,7 +288,7 @@ impl<'a> Work<'a> {
                 )));
             }
             None => {
-                let done = self.workplaces.with(|workplace| workplace.run(self.plan, points));
+                let done = workplace.run(self.plan, points);
                 self.finished.put(self.part, block, &done)?;
                 done
             }
@@ -266,11 +309,11 @@ pub(super) fn compute(
     progress: &dyn Progress,
 ) -> Result<Computed> {
     let work = Work::new(plan, part, blocks, finished);
-    let done: Vec<Done> = (0..work.runs.len())
-        .into_par_iter()
-        .with_max_len(1)
-        .map(|block| work.block(block, progress))
-        .collect::<Result<_>>()?;
+    let done: Vec<Done> = side_by_side(work.runs.len(), work.needs(), |block, workplace| {
+        let done = work.block(block, workplace, progress)?;
+        let bytes = done.bytes();
+        Ok((done, bytes))
+    })?;
     let plan = work.plan;
     let rays = done.iter().map(|block| block.rays).sum();
     let (mut diffuse, mut glossy) = (Vec::new(), Vec::new());
@@ -298,8 +341,11 @@ pub(super) fn compute_share(
     let work = Work::new(plan, part, blocks, finished);
     let share: Vec<usize> = (0..work.runs.len()).filter(|&block| shard.has(block as u32)).collect();
     progress.stage(part.name(), share.iter().map(|&block| work.runs[block].len() as u64).sum());
-    share.par_iter().with_max_len(1).try_for_each(|&block| work.block(block, progress).map(drop))?;
-    Ok(share.len())
+    let (memory, block, _) = work.needs();
+    let made = side_by_side(share.len(), (memory, block, 0), |place, workplace| {
+        work.block(share[place], workplace, progress).map(|_| ((), 0))
+    })?;
+    Ok(made.len())
 }
 
 /// What the blocks `which` lose of the light that is sent to them when they are encoded at each of `prices`, in units of the plan's: squares, relative.
@@ -316,31 +362,30 @@ pub(super) fn losses(
 ) -> Result<Vec<f64>> {
     let Encoder::LowRank { settings, prior } = plan.encoder else { return Ok(vec![0.0; prices.len()]) };
     let plan = Plan { glossy: false, ..plan };
-    let workplaces = Workplaces::default();
-    let of_block = |&block: &usize| {
+    let of_block = |block: usize, workplace: &mut Workplace| {
         if progress.cancelled() {
             return Err(Error::Cancelled);
         }
         let first: usize = blocks.lengths[..block].iter().sum();
         let points = &blocks.points[first..first + blocks.lengths[block]];
-        let lost = workplaces.with(|workplace| {
-            workplace.estimate(plan, points);
-            workplace.transform(plan.count, Some(&prior.magnitudes));
-            let at = |price: &f32| LowRankSettings { price: settings.price * price, ..settings };
-            let encode =
-                |price: &f32| block_lengths::encode(&workplace.rows, points.len(), &at(price), prior);
-            let alike = |values: &[f64]| values[..prior.held_alike].iter().sum::<f64>();
-            let sums = |blocks: Vec<low_rank_encoder::Encoded>| {
-                blocks.iter().fold((0.0, 0.0), |(energy, lost), block| {
-                    (energy + alike(&block.energy), lost + alike(&block.lost))
-                })
-            };
-            prices.iter().map(encode).map(sums).collect::<Vec<_>>()
-        });
+        workplace.estimate(plan, points);
+        workplace.transform(plan.count, Some(&prior.magnitudes));
+        let at = |price: &f32| LowRankSettings { price: settings.price * price, ..settings };
+        let encode = |price: &f32| block_lengths::encode(&workplace.rows, points.len(), &at(price), prior);
+        let alike = |values: &[f64]| values[..prior.held_alike].iter().sum::<f64>();
+        let sums = |blocks: Vec<low_rank_encoder::Encoded>| {
+            blocks.iter().fold((0.0, 0.0), |(energy, lost), block| {
+                (energy + alike(&block.energy), lost + alike(&block.lost))
+            })
+        };
+        let lost = prices.iter().map(encode).map(sums).collect::<Vec<_>>();
         progress.advance(points.len() as u64);
         Ok(lost)
     };
-    let blocks = which.par_iter().with_max_len(1).map(of_block).collect::<Result<Vec<_>>>()?;
+    let longest = blocks.lengths.iter().copied().max().unwrap_or(0);
+    let needs = (plan.memory, plan.encoder.needs(longest, plan.count), 0);
+    let blocks =
+        side_by_side(which.len(), needs, |place, workplace| Ok((of_block(which[place], workplace)?, 0)))?;
     let sum = |price: usize| {
         blocks
             .iter()
@@ -352,19 +397,10 @@ pub(super) fn losses(
         .collect())
 }
 
-/// Those that no thread uses at the moment.
-#[derive(Default)]
-struct Workplaces(Mutex<Vec<Workplace>>);
-
-impl Workplaces {
-    fn with<T>(&self, work: impl FnOnce(&mut Workplace) -> T) -> T {
-        let taken = self.0.lock().map(|mut idle| idle.pop());
-        let mut workplace = taken.ok().flatten().unwrap_or_default();
-        let done = work(&mut workplace);
-        if let Ok(mut idle) = self.0.lock() {
-            idle.push(workplace);
-        }
-        done
+impl workers::Workplace for Workplace {
+    fn bytes(&self) -> u64 {
+        let values = self.rows.capacity() + self.haar.capacity();
+        (values * size_of::<f32>() + self.scratch.bytes()) as u64
     }
 }
 

@@ -76,6 +76,14 @@ impl Encoded {
             && self.energy.iter().chain(&self.lost).all(|value| value.is_finite())
     }
 
+    /// What it takes in memory, bytes.
+    pub(super) fn memory(&self) -> usize {
+        size_of::<Self>()
+            + self.bytes(size_of::<u32>())
+            + size_of_val(&*self.energy)
+            + size_of_val(&*self.lost)
+    }
+
     /// Of all that is stored of it, where a coefficient's number takes `place` bytes.
     fn bytes(&self, place: usize) -> usize {
         size_of::<BlockShape>()

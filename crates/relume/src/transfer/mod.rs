@@ -27,7 +27,9 @@ pub mod haar_rows;
 mod image_layout;
 pub mod low_rank;
 mod low_rank_encoder;
+mod memory;
 mod multibounce;
+mod needs;
 mod occluders;
 mod operator;
 mod packed_runs;
@@ -43,6 +45,7 @@ mod settings;
 mod shot;
 mod tiles;
 mod training;
+mod workers;
 
 pub use block_file::{BlocksOf, Shard};
 pub use bounces::BounceSeries;

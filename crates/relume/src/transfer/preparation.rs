@@ -9,6 +9,8 @@ use xxhash_rust::xxh3::Xxh3;
 
 use super::block_file::{BlockFile, BlocksOf, Shard};
 use super::compute::Finished;
+use super::memory::Memory;
+use super::needs::{Needs, scene_bytes};
 use super::shot::Shot;
 use super::{Buffer, Occluders, Quality, Report, Settings, Timings, Transfer, gathering_pixels};
 use crate::progress::Progress;
@@ -25,6 +27,7 @@ pub struct Preparation<'a> {
     settings: Settings,
     own_blocks: Option<PathBuf>,
     finished_blocks: Vec<PathBuf>,
+    memory_limit: Option<u64>,
 }
 
 impl<'a> Preparation<'a> {
@@ -36,6 +39,7 @@ impl<'a> Preparation<'a> {
             settings: Settings::default(),
             own_blocks: None,
             finished_blocks: Vec::new(),
+            memory_limit: None,
         }
     }
 
@@ -89,10 +93,19 @@ impl<'a> Preparation<'a> {
         self
     }
 
+    /// How many bytes of memory the process may take, all that it holds already included. Fewer blocks of rows are then made at once than there are
+    /// threads, where all have no room; where not even one has, the preparation is refused, as early as it can be told. The result does not depend on it.
+    /// Memory that others take of the process meanwhile may be in the way. Where the system does not tell how much is in use, sizes are counted.
+    #[must_use]
+    pub fn memory_limit(mut self, bytes: u64) -> Self {
+        self.memory_limit = Some(bytes);
+        self
+    }
+
     /// Does it, on the current rayon thread pool. The result does not depend on the number of threads.
     ///
     /// # Errors
-    /// [`Error::Setting`] for settings out of range and scenes with nothing to relight; [`Error::Cancelled`].
+    /// [`Error::Setting`] for settings out of range, scenes with nothing to relight, and too little memory; [`Error::Cancelled`].
     pub fn run(self, progress: &dyn Progress) -> Result<Transfer> {
         self.run_with(false, progress)
     }
@@ -107,6 +120,7 @@ impl<'a> Preparation<'a> {
 
     fn run_with(self, complete: bool, progress: &dyn Progress) -> Result<Transfer> {
         let camera = self.settings.check(self.scene)?;
+        self.memory(&self.settings, complete)?;
         let stages = Stages::new(progress);
         let looked = Looked::new(self.scene, camera, self.settings.size, &stages)?;
         let files = self.files(&looked, None, progress)?;
@@ -130,16 +144,32 @@ impl<'a> Preparation<'a> {
         if self.own_blocks.is_none() {
             return Err(Error::Setting("a shard needs a file to keep its blocks in".to_owned()));
         }
+        let (memory, needs) = self.memory(&self.settings, false)?;
         let looked = Looked::new(self.scene, camera, self.settings.size, progress)?;
+        memory.with(needs.looked).check(needs.after_looking)?;
         let files = self.files(&looked, Some(shard), progress)?;
         if let Some(own) = &files.own {
             own.begin()?;
         }
         let (geometry, accel) = looked.opaque();
         let (settings, finished) = (&self.settings, files.finished(false));
-        let shot = Shot { scene: self.scene, geometry, accel, settings, finished };
+        let memory = memory.with(needs.looked);
+        let beside = memory.with(needs.beside_blocks);
+        let shot = Shot { scene: self.scene, geometry, accel, settings, finished, memory: beside };
         let (receivers, cloud, map) = shot.samples(camera, &looked.view, &looked.hits, progress)?;
+        memory.check(needs.after_cloud)?;
         shot.share(&receivers, (&cloud, &map), (shard, bounces_only), progress)
+    }
+
+    /// What memory there is, and what is needed of it, before anything is done; `complete` where no block is to be made.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] where it is too little.
+    fn memory(&self, settings: &Settings, complete: bool) -> Result<(Memory, Needs)> {
+        let memory = Memory::new(self.memory_limit).with(scene_bytes(self.scene));
+        let needs = Needs::new(settings, self.scene, !complete);
+        memory.check(needs.looked + needs.after_looking)?;
+        Ok((memory, needs))
     }
 
     /// Opens the files of finished blocks.
@@ -186,6 +216,7 @@ impl<'a> Preparation<'a> {
         mut show: impl FnMut(Transfer) -> Result<()>,
     ) -> Result<Transfer> {
         let camera = self.settings.check(self.scene)?;
+        self.memory(&self.settings, false)?;
         let stages = Stages::new(progress);
         let looked = Looked::new(self.scene, camera, self.settings.size, &stages)?;
         let files = self.files(&looked, None, progress)?;
@@ -199,14 +230,21 @@ impl<'a> Preparation<'a> {
     fn transfer(
         &self,
         settings: &Settings,
-        looked: Looked<'_>,
+        mut looked: Looked<'_>,
         finished: Finished<'_>,
         stages: Stages<'_>,
     ) -> Result<Transfer> {
+        let hits = std::mem::take(&mut looked.hits);
         let (opaque, accel) = looked.opaque();
-        let shot = Shot { scene: self.scene, geometry: opaque, accel, settings, finished };
-        let Looked { camera, geometry, view, hits, .. } = &looked;
-        let (receivers, cloud, map) = shot.samples(camera, view, hits, &stages)?;
+        let needs = Needs::new(settings, self.scene, !finished.complete);
+        let memory = Memory::new(self.memory_limit).with(scene_bytes(self.scene) + needs.looked);
+        memory.check(needs.after_looking)?;
+        let beside = memory.with(needs.beside_blocks);
+        let shot = Shot { scene: self.scene, geometry: opaque, accel, settings, finished, memory: beside };
+        let Looked { camera, geometry, view, .. } = &looked;
+        let (receivers, cloud, map) = shot.samples(camera, view, &hits, &stages)?;
+        drop(hits);
+        memory.check(needs.after_cloud)?;
         let (gather, bounce, owners) = shot.operators(&receivers, &cloud, &map, &stages)?;
         let of_centers = [&receivers.of_centers[..], &receivers.of_center_branches[..]];
         let lit = gathering_pixels(view, of_centers).max(1) as f64;

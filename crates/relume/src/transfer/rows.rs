@@ -372,6 +372,23 @@ impl RowSource<'_> {
 }
 
 impl RowScratch {
+    /// What it takes, bytes.
+    pub(super) fn bytes(&self) -> usize {
+        fn of<T>(values: &Vec<T>) -> usize {
+            values.capacity() * size_of::<T>()
+        }
+        of(&self.rays)
+            + of(&self.blocked)
+            + of(&self.hits)
+            + self.tiling.near.iter().map(of).sum::<usize>()
+            + of(&self.found)
+            + of(&self.found_ends)
+            + of(&self.asked)
+            + [&self.factors, &self.shares, &self.visible, &self.told].into_iter().map(of).sum::<usize>()
+            + of(&self.seen)
+            + of(&self.ends)
+    }
+
     /// What the tiles near a point told of a chunk, whose form factors are at hand: visibility of its cells from the point.
     pub(super) fn see(&mut self, tiling: &Tiling, chunk: Chunk, member: usize) {
         let first = self.first_end(tiling, chunk);

@@ -94,6 +94,11 @@ impl KeptRows {
             && self.indices.iter().all(|&index| (index as usize) < count)
     }
 
+    /// What they take in memory, bytes.
+    pub(super) fn memory(&self) -> usize {
+        size_of_val(&*self.indices) + size_of_val(&*self.values) + size_of_val(&*self.energies)
+    }
+
     /// Row by row: which coefficients, their values, and the squared norm of the whole row.
     pub(super) fn rows(&self) -> impl Iterator<Item = (&[u32], &[f32], f64)> {
         let kept =

@@ -9,6 +9,7 @@ use super::compute::{self, Computed, Encoder, Finished, Haar, Plan, RowEstimator
 use super::effort::{Effort, bounce_block, receiver_block};
 use super::form_factors::Patches;
 use super::low_rank::LowRankSettings;
+use super::memory::Memory;
 use super::paper_rows::{ClusterBounds, PaperRows};
 use super::photons::PhotonSource;
 use super::prior::LightPrior;
@@ -22,7 +23,7 @@ use crate::scene::{Camera, Geometry, Scene};
 use crate::trace::{Accel, Hit};
 
 /// Rays that tell who sees what where no receivers are shared.
-const SIGHT_RAYS: usize = 20_000_000;
+pub(super) const SIGHT_RAYS: usize = 20_000_000;
 /// Lights of other kinds than are learned from, by which encodings are judged as well.
 const OTHER_LIGHTS: usize = 24;
 /// Opening threshold of the paper's cluster cut, squared size over squared distance.
@@ -38,6 +39,7 @@ pub(super) struct Shot<'a> {
     pub(super) settings: &'a Settings,
     /// Blocks that need not be computed.
     pub(super) finished: Finished<'a>,
+    pub(super) memory: Memory,
 }
 
 impl Shot<'_> {
@@ -205,14 +207,15 @@ impl Rows<'_> {
         progress: &dyn Progress,
         work: impl FnOnce(Plan<'_>, &Blocks, u64) -> Result<T>,
     ) -> Result<T> {
-        let (settings, count) = (self.shot.settings, self.patches.len());
+        let (settings, count, memory) = (self.shot.settings, self.patches.len(), self.shot.memory);
         let per_row = (settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
         let length = bounce_block(count);
         let store =
             Store::new(settings, self.effort.bounce_encoding.of_blocks(length), prior, per_row, count);
         let rows = blocks::of_cloud(self.cloud, length, settings.seed);
         let layout = ImageLayout::of_cloud(count, rows.points.len());
-        let plan = |estimator| Plan { estimator, encoder: store.encoder(&layout), glossy: false, count };
+        let plan =
+            |estimator| Plan { estimator, encoder: store.encoder(&layout), glossy: false, count, memory };
         match settings.multibounce {
             Multibounce::Iterated => work(plan(self.estimator(self.effort.bounce_rows)), &rows, 0),
             Multibounce::Photon => {
@@ -237,7 +240,7 @@ impl Rows<'_> {
         progress: &dyn Progress,
         work: impl FnOnce(Plan<'_>, &Blocks) -> Result<T>,
     ) -> Result<T> {
-        let (settings, count) = (self.shot.settings, self.patches.len());
+        let (settings, count, memory) = (self.shot.settings, self.patches.len(), self.shot.memory);
         let (width, height) = settings.size;
         let length = receiver_block(width * height / settings.sharing);
         let encoding = self.effort.gather_encoding.of_blocks(length);
@@ -246,11 +249,14 @@ impl Rows<'_> {
         let layout = ImageLayout::of_receivers(width, receivers, &rows.owners);
         let estimator = self.estimator(self.effort.gather_rows_of(length));
         if let Some(error) = settings.error {
-            let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: false, count };
+            let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: false, count, memory };
             let price = budget::price_for(plan, &rows, f64::from(error), progress)?;
             store.multiply_price(price);
         }
-        work(Plan { estimator, encoder: store.encoder(&layout), glossy: settings.glossy, count }, &rows)
+        work(
+            Plan { estimator, encoder: store.encoder(&layout), glossy: settings.glossy, count, memory },
+            &rows,
+        )
     }
 }
 /// How one operator is stored, with what was learned for it.

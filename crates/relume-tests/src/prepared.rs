@@ -53,7 +53,7 @@ pub fn row_sums(transfer: &Transfer) -> Vec<f32> {
 
 /// The pixels whose centre reflects light, with the row of the final gather from which it takes its light.
 pub fn lit_centers(transfer: &Transfer) -> impl Iterator<Item = (usize, usize)> {
-    let rows = transfer.rows_of_centers.iter().enumerate();
+    let rows = transfer.receivers_of_centers.iter().enumerate();
     rows.filter(|&(_, &row)| row != Receivers::NONE).map(|(pixel, &row)| (pixel, row as usize))
 }
 

@@ -205,11 +205,12 @@ fn rows_that_are_not_there_are_refused() {
     let outside = vec![transfer.gather.rows as u32; transfer.view.quads.len()];
     let few = vec![Receivers::NONE; transfer.view.quads.len() - 1];
     let none = vec![Receivers::NONE; transfer.view.quads.len()];
-    let saved = |rows: Vec<u32>| Saved::new(&Transfer { rows_of_quads: rows.into(), ..transfer.clone() });
+    let saved =
+        |rows: Vec<u32>| Saved::new(&Transfer { receivers_of_quads: rows.into(), ..transfer.clone() });
     for rows in [outside, few] {
         let saved = saved(rows);
         let sentence = saved.refusal(&saved.bytes, "rows that are not there");
-        assert!(sentence.contains("view.rows_of_quads"), "{sentence}");
+        assert!(sentence.contains("view.receivers_of_quads"), "{sentence}");
     }
     let saved = saved(none);
     assert!(saved.load(&saved.bytes).is_ok(), "nothing that is lit is no mistake");

@@ -89,7 +89,7 @@ fn steps(transfer: &Transfer, error: &[f32]) -> [f64; 2] {
         let next =
             [right.then_some(pixel + 1), (pixel + view.width < view.pixels()).then_some(pixel + view.width)];
         for other in next.into_iter().flatten() {
-            let rows = [pixel, other].map(|pixel| transfer.rows_of_centers[pixel]);
+            let rows = [pixel, other].map(|pixel| transfer.receivers_of_centers[pixel]);
             let [a, b] = [pixel, other].map(|pixel| &view.centers[pixel]);
             let flat = a.geometric_normal.get().dot(b.position - a.position).abs()
                 < 0.05 * a.position.distance(b.position);
@@ -111,7 +111,7 @@ fn the_error_takes_no_larger_steps_between_blocks_than_within() {
     let built = arcade();
     let low_rank = Arc::new(prepare(&built, settings()));
     let exact = prepare(&built, Settings { encoding: Encoding::HaarRows, coefficients: 4096, ..settings() });
-    assert_eq!(low_rank.rows_of_centers[..], exact.rows_of_centers[..]);
+    assert_eq!(low_rank.receivers_of_centers[..], exact.receivers_of_centers[..]);
     let accel = low_rank.occluders.accel();
     let lights: [LightKind; 3] = [
         omni(Vec3::new(-1.2, 4.4, 0.3), Vec3::splat(13.0), 0.0),

@@ -128,7 +128,7 @@ fn no_receiver_serves_polished_and_rough_samples_alike() {
     let transfer = prepare(&builder.build(), tiny());
     let mut seen = vec![(f32::INFINITY, 0.0_f32); transfer.gather.rows];
     let mut counts = [0, 0];
-    for (sample, &row) in transfer.view.quads.iter().zip(transfer.rows_of_quads.iter()) {
+    for (sample, &row) in transfer.view.quads.iter().zip(transfer.receivers_of_quads.iter()) {
         if row != Receivers::NONE && (sample.material == polished as u32 || sample.material == rough as u32) {
             let (low, high) = &mut seen[row as usize];
             (*low, *high) = (low.min(sample.roughness()), high.max(sample.roughness()));

@@ -98,7 +98,7 @@ fn a_mirror_shows_the_light_of_what_it_mirrors() {
     let wrong = off(&images, expected, 2e-3);
     assert!(wrong.is_empty(), "{} pixels, as {:?}", wrong.len(), wrong[0]);
     // the mirror itself gathers nothing, and its view samples are on the ceiling, as far away as they look
-    assert!(transfer.rows_of_centers.iter().all(|&row| row == Receivers::NONE));
+    assert!(transfer.receivers_of_centers.iter().all(|&row| row == Receivers::NONE));
     for branch in &transfer.view.center_chains.branches {
         let view = ray(&built, branch.owner as usize);
         assert!((branch.sample.position.y - 4.0).abs() < 1e-4);
@@ -509,7 +509,7 @@ fn a_room_of_mirrors_and_glass_agrees_with_the_path_tracer() {
     let [direct, indirect] = errors(&transfer, &lights, &truth);
     let mut blind = Transfer::clone(&transfer);
     blind.view.center_chains = relume::sample::Chains::default();
-    blind.rows_of_center_branches = Vec::new().into();
+    blind.receivers_of_center_branches = Vec::new().into();
     let [blind_direct, blind_indirect] = errors(&Arc::new(blind), &lights, &truth);
     println!(
         "direct {direct:.4}, indirect {indirect:.4}; noise {:.4}, {:.4}; without mirrors and glass {blind_direct:.4}, {blind_indirect:.4}",
@@ -550,7 +550,7 @@ fn caches_keep_mirrors_and_refuse_damaged_ones() {
     transfer.save(&path).unwrap();
     let loaded = Transfer::load(&path).unwrap();
     assert_eq!(loaded.view, transfer.view);
-    assert_eq!(loaded.rows_of_quad_branches[..], transfer.rows_of_quad_branches[..]);
+    assert_eq!(loaded.receivers_of_quad_branches[..], transfer.receivers_of_quad_branches[..]);
     // in the open, views of the sky
     let mut builder = under_a_ceiling();
     let ball = builder.material(mirror());
@@ -570,8 +570,8 @@ fn caches_keep_mirrors_and_refuse_damaged_ones() {
     bent.view.center_chains.branches[0].last = f32::NAN;
     assert!(refused(&bent).contains("view"));
     let mut short = transfer;
-    short.rows_of_quad_branches = Vec::new().into();
-    assert!(refused(&short).contains("rows_of_quad_branches"));
+    short.receivers_of_quad_branches = Vec::new().into();
+    assert!(refused(&short).contains("receivers_of_quad_branches"));
 }
 
 /// A pane must not change what the transfer knows of the rest.

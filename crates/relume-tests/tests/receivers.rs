@@ -59,9 +59,9 @@ fn row_of_most_similar_center(transfer: &Transfer, quad: usize) -> u32 {
         center.position.distance(sample.position) / sample.depth + 0.1 * turned
     };
     let nearest = around
-        .filter(|&pixel| transfer.rows_of_centers[pixel] != Receivers::NONE)
+        .filter(|&pixel| transfer.receivers_of_centers[pixel] != Receivers::NONE)
         .min_by(|a, b| unlike(a).total_cmp(&unlike(b)));
-    nearest.map_or(Receivers::NONE, |pixel| transfer.rows_of_centers[pixel])
+    nearest.map_or(Receivers::NONE, |pixel| transfer.receivers_of_centers[pixel])
 }
 
 #[test]
@@ -71,10 +71,10 @@ fn what_is_thinner_than_a_pixel_receives_its_own_light() {
     let truths = truths_of(&built, &lights, SIZE, 2048);
     let transfer = prepare(&built, uncompressed(SIZE));
     let apart: Vec<bool> = transfer
-        .rows_of_quads
+        .receivers_of_quads
         .chunks_exact(4)
         .map(|rows| {
-            rows.iter().any(|&row| row != Receivers::NONE && !transfer.rows_of_centers.contains(&row))
+            rows.iter().any(|&row| row != Receivers::NONE && !transfer.receivers_of_centers.contains(&row))
         })
         .collect();
     let pixels = apart.iter().filter(|&&apart| apart).count();
@@ -87,7 +87,7 @@ fn what_is_thinner_than_a_pixel_receives_its_own_light() {
     // each sample as the most similar centre
     let shared: Vec<u32> =
         (0..transfer.view.quads.len()).map(|quad| row_of_most_similar_center(&transfer, quad)).collect();
-    let wrong = error(Transfer { rows_of_quads: shared.into(), ..transfer.clone() });
+    let wrong = error(Transfer { receivers_of_quads: shared.into(), ..transfer.clone() });
     let right = error(transfer);
     println!("{pixels} pixels: error {right:.4}, as the most similar centre {wrong:.4}");
     assert!(pixels > 100, "{pixels}");
@@ -135,7 +135,7 @@ fn samples_of_one_surface_share_a_receiver_that_has_their_mean_normal() {
     let built = bumps(90.0);
     let camera = &built.scene.cameras[0];
     let (view, _) = ViewSamples::new(&built.scene, &built.geometry, &built.accel, camera, SIZE, &()).unwrap();
-    let receivers = Receivers::new(&view, camera, true, 1, &()).unwrap();
+    let receivers = Receivers::new(&view, camera, true);
     let mut sums = vec![[Vec3::ZERO; 2]; receivers.points.len()];
     for (sample, &receiver) in view.quads.iter().zip(&receivers.of_quads) {
         let normal = sample.shading_normal.get();
@@ -193,7 +193,7 @@ fn gap() -> TestScene {
 fn a_pixel_whose_centre_is_sky_still_receives() {
     let built = gap();
     let transfer = prepare(&built, Settings { gather: 1024, ..uncompressed((1, 1)) });
-    assert_eq!(*transfer.rows_of_centers, [Receivers::NONE]);
+    assert_eq!(*transfer.receivers_of_centers, [Receivers::NONE]);
     assert_eq!((transfer.lit_pixels(), transfer.gather.rows), (0, 1), "both walls lie in one plane");
     let lights = rig([omni(Vec3::new(0.0, 0.0, 3.0), Vec3::splat(10.0), 0.0)]);
     let relit = |aa| {

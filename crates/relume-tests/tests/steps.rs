@@ -140,8 +140,8 @@ fn a_preparation_beside_its_caller_tells_how_far_it_is_and_ends_where_it_is_aske
     preparing.cancel();
     until("the end", || preparing.is_finished());
     assert!(matches!(preparing.wait(), Err(Error::Cancelled)));
-    let preparing = start(&Settings { sharing: 0, ..settings });
-    assert!(preparing.wait().unwrap_err().to_string().contains("must be 1 to 256"));
+    let preparing = start(&Settings { spacing: 1.5, ..settings });
+    assert!(preparing.wait().unwrap_err().to_string().contains("must be 0 to 1"));
 }
 
 /// Every encoding, and photons, can be shown in steps.

@@ -327,7 +327,7 @@ fn parallel_discs_have_their_form_factor() {
                 Settings { size: (33, 33), encoding, coefficients: 1024, sky: false, ..standard() };
             let transfer = prepare(&built, settings);
             // the middle pixel looks at the origin
-            let sum = row_sums(&transfer)[transfer.rows_of_centers[16 * 33 + 16] as usize];
+            let sum = row_sums(&transfer)[transfer.receivers_of_centers[16 * 33 + 16] as usize];
             let factor = |height: f32| radius * radius / (radius * radius + height * height);
             println!("radius {radius}, height {height}, {encoding:?}: {sum} for {}", factor(height));
             assert!((sum / factor(height) - 1.0).abs() < 0.03, "{sum} is not {}", factor(height));

@@ -30,7 +30,7 @@ fn prepared(encoding: Encoding) -> Transfer {
         size: SIZE,
         gather: GATHER,
         quality: Quality::Glance,
-        sharing: 4,
+        spacing: 0.1,
         encoding,
         ..Settings::default()
     };

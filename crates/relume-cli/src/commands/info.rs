@@ -258,6 +258,8 @@ struct CacheContents<'a> {
     /// View samples that are seen in mirrors and through glass.
     branches: usize,
     gather_samples: usize,
+    /// Receivers that have a row of the final gather; the others take theirs from near ones.
+    records: usize,
     /// Those of them that are of the sky.
     sky_samples: usize,
     /// Names of materials that shine.
@@ -278,6 +280,8 @@ struct Parts {
     /// Its reflections; 0 without.
     glossy_bytes: usize,
     bounce_bytes: usize,
+    /// From rows to the points that take their light from several; 0 where each has a row of its own.
+    interpolation_bytes: usize,
     view_samples_bytes: usize,
     gather_samples_bytes: usize,
     occluders_bytes: usize,
@@ -291,14 +295,15 @@ impl Parts {
             gather_bytes: transfer.gather.bytes(),
             glossy_bytes: transfer.glossy_bytes(),
             bounce_bytes: transfer.bounce.bytes(),
+            interpolation_bytes: transfer.interpolation_bytes(),
             view_samples_bytes: size_of_val(&*view.centers)
                 + size_of_val(&*view.quads)
-                + size_of_val(&*transfer.rows_of_centers)
-                + size_of_val(&*transfer.rows_of_quads)
+                + size_of_val(&*transfer.receivers_of_centers)
+                + size_of_val(&*transfer.receivers_of_quads)
                 + view.center_chains.bytes()
                 + view.quad_chains.bytes()
-                + size_of_val(&*transfer.rows_of_center_branches)
-                + size_of_val(&*transfer.rows_of_quad_branches),
+                + size_of_val(&*transfer.receivers_of_center_branches)
+                + size_of_val(&*transfer.receivers_of_quad_branches),
             gather_samples_bytes: size_of_val(&*cloud.samples)
                 + size_of_val(&*cloud.sub_samples)
                 + size_of_val(&*cloud.diffuse),
@@ -377,6 +382,7 @@ impl<'a> CacheContents<'a> {
             receivers: transfer.gather.rows,
             branches: transfer.view.center_chains.branches.len() + transfer.view.quad_chains.branches.len(),
             gather_samples: transfer.cloud.len(),
+            records: transfer.gather.records(),
             sky_samples: transfer.cloud.sky.len(),
             emitters: emitters(transfer.report.named_materials()),
             shown_materials: named_colors(transfer.shown_materials().into_iter().map(|number| NamedColor {
@@ -453,9 +459,12 @@ impl std::fmt::Display for CacheContents<'_> {
                 settings.seed
             ),
         );
-        if settings.sharing > 1 {
-            table.line("sharing", format!("up to {} receivers a row", settings.sharing));
-        }
+        let spaced = if settings.spacing > 0.0 {
+            format!(", spaced by {} of the distance of what they see", settings.spacing)
+        } else {
+            String::new()
+        };
+        table.line("records", format!("{} receivers with a row{spaced}", count(self.records as u64)));
         table.line("multibounce", multibounce(settings));
         if !self.emitters.is_empty() {
             table.line("emitters", quoted(&self.emitters));
@@ -469,6 +478,9 @@ impl std::fmt::Display for CacheContents<'_> {
         ] {
             let blocks = blocks.as_ref().map_or(String::new(), |blocks| format!(", {blocks}"));
             table.line(name, format!("{}{blocks}", size(size_in_bytes)));
+        }
+        if parts.interpolation_bytes > 0 {
+            table.line("  interpolation", size(parts.interpolation_bytes));
         }
         table.line("view samples", size(parts.view_samples_bytes));
         table.line("gather samples", size(parts.gather_samples_bytes));

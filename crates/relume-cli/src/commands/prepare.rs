@@ -45,9 +45,10 @@ pub(crate) struct Arguments {
     /// How much time and space to spend.
     #[arg(long, value_enum, default_value_t)]
     quality: QualityName,
-    /// Let up to so many alike receivers, mostly of neighbouring pixels, share what they gather, 1 to 256: nearly so many times as fast, and as coarse.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
-    sharing: u16,
+    /// How far apart the points may lie at which indirect light is gathered, 0 to 1: a share of how far away what they see is. Between them it is
+    /// interpolated. More is faster, smaller and coarser; 0 gathers for each pixel.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    spacing: f32,
     /// Write a coarse cache within seconds, to be relit at once, a better one, and in the end the one that was asked for, each in place of the last.
     #[arg(long, conflicts_with = "shard")]
     in_steps: bool,
@@ -424,7 +425,7 @@ impl Arguments {
                 QualityName::Standard => Quality::Standard,
                 QualityName::Final => Quality::Final,
             },
-            sharing: usize::from(self.sharing),
+            spacing: self.spacing,
             encoding: match self.encoding {
                 EncodingName::LowRank => Encoding::LowRank,
                 EncodingName::HaarRows => Encoding::HaarRows,

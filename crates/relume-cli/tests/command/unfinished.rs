@@ -183,11 +183,11 @@ fn a_cache_is_written_in_steps() {
         "64x48",
         "--gather",
         "1024",
-        "--sharing",
-        "4",
+        "--spacing",
+        "0.9",
     ]);
     assert!(work.read("few.relume").len() < steps.len());
-    assert!(work.succeed(&["info", "few.relume"]).stdout.contains("up to 4 receivers a row"));
+    assert!(work.succeed(&["info", "few.relume"]).stdout.contains("spaced by 0.9 of the distance"));
 }
 
 /// Asked to stop by nobody, the same kind of job ends well and leaves its file.

@@ -1,7 +1,7 @@
 //! From the receivers' irradiance to the pixels (Hasan 2006, section 3.6).
 //!
 //! Nearly all samples of a pixel, and of what it shows in mirrors and through glass, take their light from one receiver or two. What they reflect of it
-//! is added up once for a shot: a frame then reads one row or two a pixel in place of every sample.
+//! is added up once for a shot: a frame then reads one receiver or two a pixel in place of every sample.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -15,8 +15,7 @@ const CHUNK: usize = 4096;
 /// What a pixel reflects of the light at one receiver, towards the camera.
 #[derive(Clone, Copy)]
 struct Part {
-    /// Of the final gather.
-    row: u32,
+    receiver: u32,
     /// Of the light over the hemisphere: `k_d`, averaged over the pixel.
     diffuse: Vec3,
     /// Of that along the specular lobe: `k_g`.
@@ -47,7 +46,7 @@ struct Tints<'a> {
 }
 
 impl Tints<'_> {
-    fn of(&self, sample: &ViewSample, eye: Vec3, row: u32, weight: Vec3) -> Part {
+    fn of(&self, sample: &ViewSample, eye: Vec3, receiver: u32, weight: Vec3) -> Part {
         let k_d = match self.scales {
             Some(scales) => sample.diffuse.get() * scales[sample.material as usize],
             None => sample.diffuse.get(),
@@ -59,14 +58,14 @@ impl Tints<'_> {
         } else {
             Vec3::ZERO
         };
-        Part { row, diffuse: weight * k_d, glossy: weight * k_g }
+        Part { receiver, diffuse: weight * k_d, glossy: weight * k_g }
     }
 }
 
 impl Parts {
     /// Adds to the pixel at hand, whose parts begin at `first`.
     fn add(&mut self, first: usize, part: Part) {
-        match self.parts[first..].iter_mut().find(|before| before.row == part.row) {
+        match self.parts[first..].iter_mut().find(|before| before.receiver == part.receiver) {
             Some(before) => {
                 before.diffuse += part.diffuse;
                 before.glossy += part.glossy;
@@ -81,11 +80,11 @@ impl Reflection {
     pub(super) fn new(transfer: &Transfer, scales: Option<&[Vec3]>, aa: u32) -> Self {
         let view = &transfer.view;
         let ViewGrid { samples, chains, a_pixel, .. } = view.grid(aa);
-        let [rows, branch_rows] = transfer.rows_of(aa);
+        let [receivers, branch_receivers] = transfer.receivers_of(aa);
         let share = Vec3::splat(1.0 / a_pixel as f32);
         let tints = Tints { scales, glossy: transfer.glossy.is_some() };
         let pixel_of = |branch: u32| chains.branches[branch as usize].owner as usize / a_pixel;
-        let lit = |branch: &u32| branch_rows[*branch as usize] != Receivers::NONE;
+        let lit = |branch: &u32| branch_receivers[*branch as usize] != Receivers::NONE;
         let mut behind: Vec<u32> = (0..chains.branches.len() as u32).filter(lit).collect();
         behind.sort_by_key(|&branch| pixel_of(branch));
         let chunk = |start: usize| {
@@ -93,15 +92,17 @@ impl Reflection {
             let mut behind = &behind[behind.partition_point(|&branch| pixel_of(branch) < start)..];
             for pixel in start..(start + CHUNK).min(view.pixels()) {
                 let first = parts.parts.len();
-                for index in (pixel * a_pixel..(pixel + 1) * a_pixel).filter(|&i| rows[i] != Receivers::NONE)
+                for index in
+                    (pixel * a_pixel..(pixel + 1) * a_pixel).filter(|&i| receivers[i] != Receivers::NONE)
                 {
-                    parts.add(first, tints.of(&samples[index], view.camera, rows[index], share));
+                    parts.add(first, tints.of(&samples[index], view.camera, receivers[index], share));
                 }
                 while let Some((&index, rest)) = behind.split_first().filter(|(b, _)| pixel_of(**b) == pixel)
                 {
-                    let (branch, row) = (&chains.branches[index as usize], branch_rows[index as usize]);
+                    let (branch, receiver) =
+                        (&chains.branches[index as usize], branch_receivers[index as usize]);
                     let weight = share * branch.throughput.get();
-                    parts.add(first, tints.of(&branch.sample, branch.eye, row, weight));
+                    parts.add(first, tints.of(&branch.sample, branch.eye, receiver, weight));
                     behind = rest;
                 }
                 parts.counts.push((parts.parts.len() - first) as u32);
@@ -123,12 +124,12 @@ impl Reflection {
         size_of_val(&*self.parts) + size_of_val(&*self.ends)
     }
 
-    /// What the pixels reflect of light that was gathered, one value a row: over the hemisphere, and along the lobes, where there is any.
+    /// What the pixels reflect of light that was gathered, one value a receiver: over the hemisphere, and along the lobes, where there is any.
     pub(super) fn upsample(&self, diffuse: &[Vec3], glossy: Option<&[Vec3]>) -> Vec<Vec3> {
         let reflected = |part: &Part| {
-            let row = part.row as usize;
-            let glossy = glossy.map_or(Vec3::ZERO, |glossy| part.glossy * glossy[row]);
-            part.diffuse * diffuse[row] + glossy
+            let receiver = part.receiver as usize;
+            let glossy = glossy.map_or(Vec3::ZERO, |glossy| part.glossy * glossy[receiver]);
+            part.diffuse * diffuse[receiver] + glossy
         };
         let of_pixel = |pixel: usize| {
             let first = pixel.checked_sub(1).map_or(0, |before| self.ends[before]);

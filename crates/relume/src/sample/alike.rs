@@ -23,7 +23,7 @@ pub(super) struct Seen<'a> {
     pub(super) sample: &'a ViewSample,
     pub(super) eye: Vec3,
     /// What a pixel sees there, metres across.
-    pixel: f32,
+    pub(super) pixel: f32,
     /// Whether it is seen by way of smooth surfaces.
     branch: bool,
 }

@@ -10,8 +10,8 @@ mod illumination;
 mod packed;
 mod reach;
 mod receivers;
+mod records;
 mod refine;
-mod sharing;
 mod sightings;
 mod sky;
 mod sky_light;
@@ -27,6 +27,7 @@ pub use gather_sample::{DiffusePart, Emitted, GatherSample, SUB_SAMPLES, SubSamp
 pub use illumination::{CloudLight, Detail, illuminate, illuminate_with};
 pub use packed::{PackedNormal, PackedUnit};
 pub use receivers::{Gloss, Receiver, Receivers};
+pub(crate) use records::{MOST as MOST_SHARES, Records, Spacing};
 pub use sky::SkyCells;
 pub use sky_light::illuminate_sky;
 pub(crate) use tree::{cluster_order, ordering_steps};

@@ -9,10 +9,12 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::alike::{Alike, Seen};
-use super::sharing::Shared;
-use super::{ViewSample, ViewSamples, ordering_steps};
+use super::{ViewSample, ViewSamples, cluster_order, ordering_steps};
 use crate::scene::Camera;
 use crate::{Progress, Result};
+
+/// Runs of receivers that lie together, longer and shorter ones.
+const ORDERED: [usize; 2] = [4096, 16];
 
 /// A point that receives light.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +25,8 @@ pub struct Receiver {
     pub shading_normal: Vec3,
     /// For the horizon.
     pub geometric_normal: Vec3,
+    /// What a pixel sees there, metres across.
+    pub pixel: f32,
     /// What of the light along it is reflected towards the camera: the mean over the samples, weighted by what they reflect so.
     pub gloss: Gloss,
 }
@@ -44,7 +48,7 @@ pub struct Gloss {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Receivers {
     /// First one for every pixel whose centre gathers light, row by row, then the further ones; then the same for what is seen in
-    /// mirrors and through glass. Where receivers are shared, those of them that are left.
+    /// mirrors and through glass. Or in an order of their own, where there are records.
     pub points: Vec<Receiver>,
     /// The receiver of each of [`ViewSamples::centers`]; [`Receivers::NONE`] where nothing is gathered.
     pub of_centers: Vec<u32>,
@@ -54,7 +58,7 @@ pub struct Receivers {
     pub of_center_branches: Vec<u32>,
     /// The same for those of [`ViewSamples::quad_chains`].
     pub of_quad_branches: Vec<u32>,
-    /// The quad that each of the further receivers lies on, before any are shared.
+    /// The quad that each of the further receivers lies on.
     pub further: Vec<u32>,
     /// The branch of a quad that each of those lies on that are seen in mirrors and through glass.
     pub further_branches: Vec<u32>,
@@ -88,6 +92,7 @@ impl Receiver {
             position: surface.position,
             shading_normal: surface.shading_normal,
             geometric_normal: surface.geometric_normal,
+            pixel: seen.pixel,
             gloss: Gloss {
                 view,
                 roughness: surface.roughness,
@@ -102,18 +107,8 @@ impl Receivers {
     /// In place of a receiver where nothing is gathered.
     pub const NONE: u32 = u32::MAX;
 
-    /// Places receivers for what `camera` sees; `glossy` says whether light is gathered along specular lobes as well. Up to `sharing` that are
-    /// alike become one, also of several pixels; 1 leaves all.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`].
-    pub fn new(
-        view: &ViewSamples,
-        camera: &Camera,
-        glossy: bool,
-        sharing: usize,
-        progress: &dyn Progress,
-    ) -> Result<Self> {
+    /// Places receivers for what `camera` sees; `glossy` says whether light is gathered along specular lobes as well.
+    pub fn new(view: &ViewSamples, camera: &Camera, glossy: bool) -> Self {
         let alike = Alike { pixel: camera.pixel_angle(view.width, view.height), glossy };
         let mut receivers = Self::default();
         let rows = (0..view.height).into_par_iter().map(|row| sources(view, row, alike)).collect();
@@ -126,21 +121,28 @@ impl Receivers {
         let quads = |branch: u32| alike.branch(&view.quad_chains.branches[branch as usize], 2.0);
         (receivers.of_center_branches, receivers.of_quad_branches, receivers.further_branches) =
             receivers.place(centers, quads, rows, glossy);
-        if sharing > 1 {
-            receivers.share(sharing, progress)?;
-        }
         let straight = view.quads.iter().map(|sample| (sample, 1.0)).zip(&receivers.of_quads);
         let branches = view.quad_chains.branches.iter();
         let branches = branches.map(|branch| (&branch.sample, branch.throughput.get().element_sum() / 3.0));
         let branches = branches.zip(&receivers.of_quad_branches);
         average(&mut receivers.points, straight.chain(branches), glossy);
-        Ok(receivers)
+        receivers
     }
 
-    fn share(&mut self, most: usize, progress: &dyn Progress) -> Result<()> {
-        progress.stage("sharing of receivers", ordering_steps(self.points.len()));
-        let Shared { heads, served_by } = Shared::new(&self.points, most, progress)?;
-        self.points = heads.iter().map(|&head| self.points[head as usize]).collect();
+    /// Numbers the receivers anew: those that lie together and face alike come after each other.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    pub(crate) fn put_in_order(&mut self, progress: &dyn Progress) -> Result<()> {
+        progress.stage("receivers", ordering_steps(self.points.len()));
+        let places: Vec<(Vec3, Vec3)> =
+            self.points.iter().map(|point| (point.position, point.shading_normal)).collect();
+        let order = cluster_order(&places, ORDERED, progress)?;
+        self.points = order.iter().map(|&number| self.points[number as usize]).collect();
+        let mut places = vec![0; order.len()];
+        for (place, &number) in (0..).zip(&order) {
+            places[number as usize] = place;
+        }
         let all = [
             &mut self.of_centers,
             &mut self.of_quads,
@@ -148,7 +150,7 @@ impl Receivers {
             &mut self.of_quad_branches,
         ];
         for receiver in all.into_iter().flatten().filter(|receiver| **receiver != Self::NONE) {
-            *receiver = served_by[*receiver as usize];
+            *receiver = places[*receiver as usize];
         }
         Ok(())
     }

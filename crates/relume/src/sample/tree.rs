@@ -46,10 +46,12 @@ pub(super) fn order(keys: &[Key], lengths: [usize; 2], progress: &dyn Progress) 
 /// [`Error::Cancelled`].
 pub(crate) fn cluster_order(
     points: &[(Vec3, Vec3)],
-    diagonal: f32,
     lengths: [usize; 2],
     progress: &dyn Progress,
 ) -> Result<Vec<u32>> {
+    let low = points.iter().fold(Vec3::INFINITY, |low, point| low.min(point.0));
+    let high = points.iter().fold(Vec3::NEG_INFINITY, |high, point| high.max(point.0));
+    let diagonal = low.distance(high);
     let keys: Vec<Key> = points.iter().map(|&(position, normal)| key(position, normal, diagonal)).collect();
     order_of_runs(&keys, lengths, progress)
 }
@@ -216,7 +218,7 @@ mod tests {
                 (Vec3::new(at(0), at(1), at(2)), Vec3::Y)
             })
             .collect();
-        let order = cluster_order(&points, 1.7, [256, 16], &()).unwrap();
+        let order = cluster_order(&points, [256, 16], &()).unwrap();
         let mut sorted = order.clone();
         sorted.sort_unstable();
         assert!(sorted.iter().enumerate().all(|(i, &s)| s == i as u32));

@@ -25,7 +25,8 @@ use super::haar_rows::HaarRows;
 use super::low_rank::LowRank;
 use super::packed_runs::PackedRuns;
 use super::{
-    Buffer, Encoding, EncodingError, ImageLayout, Matrix, Occluders, Operator, Report, Timings, Transfer,
+    Buffer, Encoding, EncodingError, ImageLayout, Interpolation, Matrix, Occluders, Operator, Report,
+    Timings, Transfer,
 };
 use crate::sample::{
     Chains, Emitted, GatherCloud, Receivers, SUB_SAMPLES, SkyCells, ViewGrid, ViewSample, ViewSamples,
@@ -36,7 +37,7 @@ use crate::{Error, Result, atomic_write};
 
 /// Version of the file format. A file of another version is refused: preparing again takes minutes, guessing at old
 /// files costs trust.
-pub const FORMAT_VERSION: u32 = 8;
+pub const FORMAT_VERSION: u32 = 9;
 
 const KEY: &str = "relume";
 
@@ -101,6 +102,15 @@ impl<'a> Tensors<'a> {
         self.add(&format!("{name}_sky"), Dtype::U8, &[48], &chains.sky);
     }
 
+    fn add_interpolation(&mut self, name: &str, operator: &'a Operator) {
+        let Some(interpolation) = &operator.interpolation else { return };
+        let part = |part: &str| format!("{name}.interpolation_{part}");
+        self.add(&part("runs"), Dtype::U32, &[2], &interpolation.runs);
+        self.add(&part("table"), Dtype::U32, &[], &interpolation.table);
+        self.add(&part("counts"), Dtype::U8, &[], &interpolation.counts);
+        self.add(&part("shares"), Dtype::U8, &[2], &interpolation.shares);
+    }
+
     fn add_operator(&mut self, name: &str, operator: &'a Operator) {
         let part = |part: &str| format!("{name}.{part}");
         self.add(&part("weights"), Dtype::F32, &[], &operator.weights);
@@ -159,17 +169,20 @@ impl Transfer {
         tensors.add("view.quads", Dtype::U8, &[48], &self.view.quads);
         tensors.add("view.center_emission", Dtype::U32, &[4], &centers);
         tensors.add("view.quad_emission", Dtype::U32, &[4], &quads);
-        tensors.add("view.rows_of_centers", Dtype::U32, &[], &self.rows_of_centers);
-        tensors.add("view.rows_of_quads", Dtype::U32, &[], &self.rows_of_quads);
+        tensors.add("view.receivers_of_centers", Dtype::U32, &[], &self.receivers_of_centers);
+        tensors.add("view.receivers_of_quads", Dtype::U32, &[], &self.receivers_of_quads);
         tensors.add_chains("view.center", (&self.view.center_chains, &behind_centers));
         tensors.add_chains("view.quad", (&self.view.quad_chains, &behind_quads));
-        tensors.add("view.rows_of_center_branches", Dtype::U32, &[], &self.rows_of_center_branches);
-        tensors.add("view.rows_of_quad_branches", Dtype::U32, &[], &self.rows_of_quad_branches);
+        tensors.add("view.receivers_of_center_branches", Dtype::U32, &[], &self.receivers_of_center_branches);
+        tensors.add("view.receivers_of_quad_branches", Dtype::U32, &[], &self.receivers_of_quad_branches);
         tensors.add("cloud.samples", Dtype::U8, &[64], &self.cloud.samples);
         tensors.add("cloud.sky", Dtype::U32, &[], self.cloud.sky.starts());
         tensors.add("cloud.sub_samples", Dtype::U8, &[24], &self.cloud.sub_samples);
         tensors.add("cloud.diffuse", Dtype::U8, &[10], &self.cloud.diffuse);
         tensors.add("cloud.emitted", Dtype::U8, &[20], &self.cloud.emitted);
+        // that of the reflections is the same
+        tensors.add_interpolation("gather", &self.gather);
+        tensors.add_interpolation("bounce", &self.bounce);
         tensors.add_operator("gather", &self.gather);
         if let Some(glossy) = &self.glossy {
             tensors.add_operator("glossy", glossy);
@@ -250,7 +263,7 @@ impl OperatorHeader {
     fn new(operator: &Operator) -> Self {
         Self {
             encoding: operator.encoding(),
-            rows: operator.rows,
+            rows: operator.records(),
             per_row: match &operator.matrix {
                 Matrix::HaarRows(matrix) => matrix.per_row,
                 Matrix::LowRank(_) | Matrix::HaarBlocks(_) => 0,
@@ -370,7 +383,13 @@ impl<'a> Opened<'a> {
         Ok(self.buffer(name)?.to_vec())
     }
 
-    fn operator(&self, name: &str, header: &OperatorHeader, count: usize) -> Result<Operator> {
+    /// `spread_by` is the operator that holds its interpolation.
+    fn operator(
+        &self,
+        (name, spread_by): (&str, &str),
+        header: &OperatorHeader,
+        count: usize,
+    ) -> Result<Operator> {
         let part = |part: &str| format!("{name}.{part}");
         let matrix = match header.encoding {
             Encoding::LowRank => Matrix::LowRank(LowRank {
@@ -401,7 +420,25 @@ impl<'a> Opened<'a> {
         };
         let operator =
             Operator::new(header.rows, matrix, self.buffer(&part("weights"))?, header.expected_error);
+        let operator = match self.interpolation(spread_by, header.rows)? {
+            Some(interpolation) => operator.interpolated(interpolation),
+            None => operator,
+        };
         if operator.is_sound(count) { Ok(operator) } else { Err(self.refuse(name)) }
+    }
+
+    fn interpolation(&self, name: &str, records: usize) -> Result<Option<Arc<Interpolation>>> {
+        let part = |part: &str| format!("{name}.interpolation_{part}");
+        if !self.header.checksums.contains_key(&part("runs")) {
+            return Ok(None);
+        }
+        Ok(Some(Arc::new(Interpolation {
+            records,
+            runs: self.buffer(&part("runs"))?,
+            table: self.buffer(&part("table"))?,
+            counts: self.buffer(&part("counts"))?,
+            shares: self.buffer(&part("shares"))?,
+        })))
     }
 
     fn view(&self) -> Result<ViewSamples> {
@@ -529,31 +566,32 @@ impl<'a> Opened<'a> {
             return Err(self.refuse("base_colors"));
         }
         let (view, cloud) = (self.view()?, self.cloud()?);
-        let gather = self.operator("gather", &self.header.gather, cloud.len())?;
+        let gather = self.operator(("gather", "gather"), &self.header.gather, cloud.len())?;
         let [behind_centers, behind_quads] =
             [&view.center_chains, &view.quad_chains].map(|chains| chains.branches.len());
         if gather.rows > view.centers.len() + view.quads.len() + behind_centers + behind_quads {
             return Err(self.refuse("gather"));
         }
         let glossy = self.header.glossy.as_ref();
-        let glossy = glossy.map(|header| self.operator("glossy", header, cloud.len())).transpose()?;
+        let glossy =
+            glossy.map(|header| self.operator(("glossy", "gather"), header, cloud.len())).transpose()?;
         if glossy.as_ref().is_some_and(|glossy| glossy.rows != gather.rows) {
             return Err(self.refuse("glossy"));
         }
-        let bounce = self.operator("bounce", &self.header.bounce, cloud.len())?;
+        let bounce = self.operator(("bounce", "bounce"), &self.header.bounce, cloud.len())?;
         if bounce.rows != cloud.surfaces().len() {
             return Err(self.refuse("bounce"));
         }
-        let rows = |name: &str, samples: usize| -> Result<Buffer<u32>> {
-            let rows: Buffer<u32> = self.buffer(name)?;
-            let known = |&row: &u32| row == Receivers::NONE || (row as usize) < gather.rows;
-            let fits = rows.len() == samples && rows.iter().all(known);
-            if fits { Ok(rows) } else { Err(self.refuse(name)) }
+        let receivers = |name: &str, samples: usize| -> Result<Buffer<u32>> {
+            let receivers: Buffer<u32> = self.buffer(name)?;
+            let known = |&number: &u32| number == Receivers::NONE || (number as usize) < gather.rows;
+            let fits = receivers.len() == samples && receivers.iter().all(known);
+            if fits { Ok(receivers) } else { Err(self.refuse(name)) }
         };
-        let rows_of_centers = rows("view.rows_of_centers", view.centers.len())?;
-        let rows_of_quads = rows("view.rows_of_quads", view.quads.len())?;
-        let rows_of_center_branches = rows("view.rows_of_center_branches", behind_centers)?;
-        let rows_of_quad_branches = rows("view.rows_of_quad_branches", behind_quads)?;
+        let receivers_of_centers = receivers("view.receivers_of_centers", view.centers.len())?;
+        let receivers_of_quads = receivers("view.receivers_of_quads", view.quads.len())?;
+        let receivers_of_center_branches = receivers("view.receivers_of_center_branches", behind_centers)?;
+        let receivers_of_quad_branches = receivers("view.receivers_of_quad_branches", behind_quads)?;
         let occluders = self.occluders()?;
         let report = self.header.report;
         Ok(Transfer {
@@ -564,10 +602,10 @@ impl<'a> Opened<'a> {
             gather,
             glossy,
             bounce,
-            rows_of_centers,
-            rows_of_quads,
-            rows_of_center_branches,
-            rows_of_quad_branches,
+            receivers_of_centers,
+            receivers_of_quads,
+            receivers_of_center_branches,
+            receivers_of_quad_branches,
             occluders,
         })
     }

@@ -1,10 +1,12 @@
 //! Computing an operator: blocks of rows are made, transformed, encoded and dropped.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
 use super::block_file::{BlockFile, Part, Shard};
 use super::block_lengths;
-use super::blocks::Blocks;
+use super::blocks::{Blocks, Served};
 use super::haar_blocks::HaarBlocks;
 use super::haar_rows::HaarRows;
 use super::low_rank::{LowRank, LowRankSettings};
@@ -18,7 +20,7 @@ use super::rows::{RowScratch, RowSource};
 use super::selection::KeptRows;
 use super::tiles::GatherPoint;
 use super::workers::{self, side_by_side};
-use super::{EncodingError, ImageLayout, Matrix, Operator, haar};
+use super::{EncodingError, ImageLayout, Interpolation, Matrix, Operator, haar};
 use crate::progress::Progress;
 use crate::{Error, Result};
 
@@ -51,6 +53,8 @@ pub(super) struct Haar<'a> {
     pub(super) layout: Option<&'a ImageLayout>,
 }
 
+/// What the errors of a row count for at least.
+const LEAST_SERVED: f32 = 0.05;
 /// The reflectance that the price of a byte is meant for: what a diffuse row says is multiplied by about this.
 const USUAL_REFLECTANCE: f32 = 0.5;
 
@@ -64,6 +68,13 @@ fn mean_square_reflectance(points: &[GatherPoint]) -> f32 {
 const DEAR: f32 = 8.0;
 
 impl Encoder<'_> {
+    /// The encoder of rows whose errors count for so much of the picture: a byte is worth as much more.
+    fn for_rows(self, served: Served) -> Self {
+        let Self::LowRank { mut settings, prior } = self else { return self };
+        settings.price /= served.errors.max(LEAST_SERVED);
+        Self::LowRank { settings, prior }
+    }
+
     /// The encoder of rows that are multiplied by something of this mean square: a byte brings so much less light.
     fn worth(self, mean_square: f32) -> Self {
         let Self::LowRank { mut settings, prior } = self else { return self };
@@ -115,14 +126,17 @@ impl EncodedBlock {
     }
 
     /// Makes what the block holds and misses count so many times.
-    fn weigh(&mut self, weight: f64) {
+    fn weigh(&mut self, weight: f64, served: Served) {
+        let (light, errors) = (weight * f64::from(served.light), weight * f64::from(served.errors));
         match self {
             Self::LowRank(blocks) => {
-                let values =
-                    blocks.iter_mut().flat_map(|block| block.energy.iter_mut().chain(&mut block.lost));
-                values.for_each(|value| *value *= weight);
+                for block in blocks {
+                    block.energy.iter_mut().for_each(|value| *value *= light);
+                    block.lost.iter_mut().for_each(|value| *value *= errors);
+                }
             }
-            Self::Haar(rows) => rows.weight *= weight,
+            // these tell their losses as shares of the light
+            Self::Haar(rows) => rows.weight *= light,
         }
     }
 }
@@ -146,6 +160,18 @@ pub(super) struct Computed {
     /// Along specular lobes, where it was asked for and there are any.
     pub(super) glossy: Option<Operator>,
     pub(super) rays: u64,
+}
+
+impl Computed {
+    /// The same rows, from which all points take theirs, if that is how they do.
+    pub(super) fn interpolated(self, interpolation: Option<Arc<Interpolation>>) -> Self {
+        let Some(interpolation) = interpolation else { return self };
+        Self {
+            operator: self.operator.interpolated(Arc::clone(&interpolation)),
+            glossy: self.glossy.map(|glossy| glossy.interpolated(interpolation)),
+            ..self
+        }
+    }
 }
 
 /// Rows of one block and scratch memory; one a thread, reused.
@@ -244,7 +270,7 @@ impl Finished<'_> {
 struct Work<'a> {
     plan: Plan<'a>,
     part: Part,
-    runs: Vec<&'a [GatherPoint]>,
+    runs: Vec<(&'a [GatherPoint], Served)>,
     finished: Finished<'a>,
 }
 
@@ -252,9 +278,9 @@ impl<'a> Work<'a> {
     fn new(plan: Plan<'a>, part: Part, blocks: &'a Blocks, finished: Finished<'a>) -> Self {
         let mut runs = Vec::with_capacity(blocks.lengths.len());
         let mut rest = &blocks.points[..];
-        for &length in &blocks.lengths {
+        for (&length, &served) in blocks.lengths.iter().zip(&blocks.served) {
             let (run, after) = rest.split_at(length);
-            runs.push(run);
+            runs.push((run, served));
             rest = after;
         }
         let plan = Plan { glossy: plan.glossy && blocks.points.iter().any(|p| p.lobe.is_some()), ..plan };
@@ -263,8 +289,8 @@ impl<'a> Work<'a> {
 
     /// What memory there is for blocks, and what they take; finished, all of them together.
     fn needs(&self) -> (Memory, BlockNeeds, u64) {
-        let longest = self.runs.iter().map(|run| run.len()).max().unwrap_or(0);
-        let encoded = self.plan.encoder.encoded(self.runs.iter().map(|run| run.len()).sum());
+        let longest = self.runs.iter().map(|(run, _)| run.len()).max().unwrap_or(0);
+        let encoded = self.plan.encoder.encoded(self.runs.iter().map(|(run, _)| run.len()).sum());
         let block = match self.finished.complete {
             true => BlockNeeds::default(),
             false => self.plan.encoder.needs(longest, self.plan.count),
@@ -276,7 +302,7 @@ impl<'a> Work<'a> {
         if progress.cancelled() {
             return Err(Error::Cancelled);
         }
-        let points = self.runs[block];
+        let (points, served) = self.runs[block];
         let done = match self.finished.get(self.part, block, self.plan, points.len())? {
             Some(done) => done,
             None if self.finished.complete => {
@@ -288,7 +314,7 @@ impl<'a> Work<'a> {
                 )));
             }
             None => {
-                let done = workplace.run(self.plan, points);
+                let done = workplace.run(self.plan, points, served);
                 self.finished.put(self.part, block, &done)?;
                 done
             }
@@ -340,7 +366,7 @@ pub(super) fn compute_share(
 ) -> Result<usize> {
     let work = Work::new(plan, part, blocks, finished);
     let share: Vec<usize> = (0..work.runs.len()).filter(|&block| shard.has(block as u32)).collect();
-    progress.stage(part.name(), share.iter().map(|&block| work.runs[block].len() as u64).sum());
+    progress.stage(part.name(), share.iter().map(|&block| work.runs[block].0.len() as u64).sum());
     let (memory, block, _) = work.needs();
     let made = side_by_side(share.len(), (memory, block, 0), |place, workplace| {
         work.block(share[place], workplace, progress).map(|_| ((), 0))
@@ -370,12 +396,15 @@ pub(super) fn losses(
         let points = &blocks.points[first..first + blocks.lengths[block]];
         workplace.estimate(plan, points);
         workplace.transform(plan.count, Some(&prior.magnitudes));
-        let at = |price: &f32| LowRankSettings { price: settings.price * price, ..settings };
+        let served = blocks.served[block];
+        let dear = settings.price / served.errors.max(LEAST_SERVED);
+        let at = |price: &f32| LowRankSettings { price: dear * price, ..settings };
         let encode = |price: &f32| block_lengths::encode(&workplace.rows, points.len(), &at(price), prior);
         let alike = |values: &[f64]| values[..prior.held_alike].iter().sum::<f64>();
         let sums = |blocks: Vec<low_rank_encoder::Encoded>| {
             blocks.iter().fold((0.0, 0.0), |(energy, lost), block| {
-                (energy + alike(&block.energy), lost + alike(&block.lost))
+                let (light, errors) = (f64::from(served.light), f64::from(served.errors));
+                (energy + light * alike(&block.energy), lost + errors * alike(&block.lost))
             })
         };
         let lost = prices.iter().map(encode).map(sums).collect::<Vec<_>>();
@@ -405,17 +434,19 @@ impl workers::Workplace for Workplace {
 }
 
 impl Workplace {
-    fn run(&mut self, plan: Plan<'_>, points: &[GatherPoint]) -> Done {
+    fn run(&mut self, plan: Plan<'_>, points: &[GatherPoint], served: Served) -> Done {
         let mut rays = self.estimate(plan, points);
-        let diffuse = self.encode(plan.encoder, plan.count, points.len());
+        let encoder = plan.encoder.for_rows(served);
+        let mut diffuse = self.encode(encoder, plan.count, points.len());
+        diffuse.weigh(1.0, served);
         let glossy = plan.glossy.then(|| {
             let square = mean_square_reflectance(points);
             if square == 0.0 {
                 return plan.encoder.nothing(points.len(), plan.count);
             }
             rays += self.estimate_glossy(plan, points);
-            let mut block = self.encode(plan.encoder.worth(square), plan.count, points.len());
-            block.weigh(f64::from(square));
+            let mut block = self.encode(encoder.worth(square), plan.count, points.len());
+            block.weigh(f64::from(square), served);
             block
         });
         Done { diffuse, glossy, rays }

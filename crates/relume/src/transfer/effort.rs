@@ -29,6 +29,8 @@ pub(super) struct Effort {
     pub(super) gather_encoding: LowRankSettings,
     pub(super) bounce_encoding: LowRankSettings,
     pub(super) training_lights: usize,
+    /// Rays that tell who sees what.
+    pub(super) sight_rays: usize,
 }
 
 /// Gather samples that share a basis of the bounce operator: a 64th of the scene, within these bounds; powers of four.
@@ -57,9 +59,10 @@ impl Quality {
             Self::Glance => Effort {
                 gather_rows: rows(16, 64, 1e-1, (0.2, 0.4)),
                 bounce_rows: rows(16, 48, 1e-1, (0.4, 0.4)),
-                gather_encoding: low_rank(64, 2048, 1.2e-5),
+                gather_encoding: low_rank(64, 2048, 4e-5),
                 bounce_encoding: low_rank(64, 2048, 1.2e-5),
                 training_lights: 64,
+                sight_rays: 300_000,
             },
             Self::Draft => Effort {
                 gather_rows: rows(16, 512, 4e-3, (0.1, 0.25)),
@@ -67,6 +70,7 @@ impl Quality {
                 gather_encoding: low_rank(96, 3072, 6e-6),
                 bounce_encoding: low_rank(96, 3072, 6e-6),
                 training_lights: 128,
+                sight_rays: 2_500_000,
             },
             Self::Standard => Effort {
                 gather_rows: rows(64, 768, 2e-3, (0.04, 0.09)),
@@ -74,6 +78,7 @@ impl Quality {
                 gather_encoding: low_rank(256, 6144, 4.5e-7),
                 bounce_encoding: low_rank(256, 6144, 2e-6),
                 training_lights: 384,
+                sight_rays: 20_000_000,
             },
             Self::Final => Effort {
                 gather_rows: rows(128, 2048, 4e-4, (0.025, 0.06)),
@@ -81,6 +86,7 @@ impl Quality {
                 gather_encoding: low_rank(512, 12_288, 1.5e-7),
                 bounce_encoding: low_rank(512, 12_288, 6e-7),
                 training_lights: 576,
+                sight_rays: 20_000_000,
             },
         }
     }

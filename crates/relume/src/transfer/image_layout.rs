@@ -45,6 +45,13 @@ impl ImageLayout {
         Self { width, height, places: places.into() }
     }
 
+    /// Rows of points all over the image: 8x8 places after each other, in the order of rows, so that neighbours stay close.
+    pub(super) fn of_records(image_width: usize, rows: usize) -> Self {
+        let width = image_width.next_multiple_of(CELL);
+        let places: Vec<u32> = (0..rows).map(|row| Self::further_place(row, width, 0)).collect();
+        Self { width, height: rows.div_ceil(CELL * width) * CELL, places: places.into() }
+    }
+
     /// The place of a further receiver in an image of so many lines before it.
     fn further_place(number: usize, width: usize, lines: usize) -> u32 {
         let (cell, within) = (number / (CELL * CELL), number % (CELL * CELL));
@@ -112,6 +119,7 @@ mod tests {
             position: Vec3::ZERO,
             shading_normal: Vec3::Y,
             geometric_normal: Vec3::Y,
+            pixel: 0.0,
             gloss: Gloss::default(),
         };
         let points = vec![point; 19 + 70];

@@ -18,6 +18,7 @@ mod culling;
 mod effort;
 mod faint;
 mod form_factors;
+mod gathering;
 mod gemm;
 mod glossy_rows;
 pub mod haar;
@@ -25,6 +26,7 @@ pub mod haar_blocks;
 mod haar_blocks_encoder;
 pub mod haar_rows;
 mod image_layout;
+mod interpolation;
 pub mod low_rank;
 mod low_rank_encoder;
 mod memory;
@@ -55,6 +57,7 @@ pub use coefficients::Coefficients;
 pub use culling::Work;
 pub use effort::Quality;
 pub use image_layout::ImageLayout;
+pub use interpolation::{Interpolation, RecordShare, RunEnds};
 pub use multibounce::{CloudBounces, Multibounce};
 pub use occluders::Occluders;
 pub use operator::{Encoding, EncodingError, Matrix, Operator};
@@ -81,23 +84,22 @@ pub struct Transfer {
     pub view: ViewSamples,
     /// What can light it.
     pub cloud: GatherCloud,
-    /// `F_d`: from light on the cloud to the receivers of the view samples, one row each.
+    /// `F_d`: from light on the cloud to the receivers of the view samples.
     pub gather: Operator,
-    /// `F_g`: the same along the specular lobes of the receivers, as a share of what these reflect. The same rows; `None` where it
+    /// `F_g`: the same along the specular lobes of the receivers, as a share of what these reflect. As many rows, by the same interpolation; `None` where it
     /// was left out.
     pub glossy: Option<Operator>,
     /// From light on the cloud to the cloud itself; albedo is applied outside. One row a gather sample of a surface: those of the sky, the
     /// last ones, receive nothing. One bounce, or all of them: see [`Self::multibounce`].
     pub bounce: Operator,
-    /// The row of `gather` that each of the view's centres takes its light from; [`Receivers::NONE`] where nothing is
-    /// gathered.
-    pub rows_of_centers: Buffer<u32>,
+    /// The receiver that each of the view's centres takes its light from; [`Receivers::NONE`] where nothing is gathered.
+    pub receivers_of_centers: Buffer<u32>,
     /// The same for the view's quads.
-    pub rows_of_quads: Buffer<u32>,
+    pub receivers_of_quads: Buffer<u32>,
     /// The same for the branches of the view's centres.
-    pub rows_of_center_branches: Buffer<u32>,
+    pub receivers_of_center_branches: Buffer<u32>,
     /// The same for those of its quads.
-    pub rows_of_quad_branches: Buffer<u32>,
+    pub receivers_of_quad_branches: Buffer<u32>,
     /// What casts shadows.
     pub occluders: Occluders,
 }
@@ -158,19 +160,26 @@ fn gathering_pixels(view: &ViewSamples, [centers, branches]: [&[u32]; 2]) -> usi
 }
 
 impl Transfer {
-    /// Bytes of all operators a pixel of the image.
+    /// Bytes of all operators a pixel of the image, with their interpolation.
     pub fn bytes_per_pixel(&self) -> f64 {
-        let bytes = self.gather.bytes() + self.glossy_bytes() + self.bounce.bytes();
+        let bytes =
+            self.gather.bytes() + self.glossy_bytes() + self.bounce.bytes() + self.interpolation_bytes();
         bytes as f64 / self.view.pixels().max(1) as f64
     }
 
-    /// What of the view samples of a grid takes its light from which row: of the samples themselves, and of their branches.
-    pub fn rows_of(&self, aa: u32) -> [&[u32]; 2] {
+    /// What of the view samples of a grid takes its light from which receiver: of the samples themselves, and of their branches.
+    pub fn receivers_of(&self, aa: u32) -> [&[u32]; 2] {
         if aa == 1 {
-            [&self.rows_of_centers, &self.rows_of_center_branches]
+            [&self.receivers_of_centers, &self.receivers_of_center_branches]
         } else {
-            [&self.rows_of_quads, &self.rows_of_quad_branches]
+            [&self.receivers_of_quads, &self.receivers_of_quad_branches]
         }
+    }
+
+    /// Bytes of what takes rows to the points at which light arrives; 0 where each of these has a row.
+    pub fn interpolation_bytes(&self) -> usize {
+        let of = |operator: &Operator| operator.interpolation.as_ref().map_or(0, |spread| spread.bytes());
+        of(&self.gather) + of(&self.bounce)
     }
 
     /// Bytes of the glossy operator; 0 without.
@@ -178,7 +187,7 @@ impl Transfer {
         self.glossy.as_ref().map_or(0, Operator::bytes)
     }
 
-    /// `F_d g` and, where there are reflections, `F_g g`: one RGB a row. `epsilon` is that of culling
+    /// `F_d g` and, where there are reflections, `F_g g`, interpolated: one RGB a receiver. `epsilon` is that of culling
     /// ([`Operator::apply_coefficients`]); 0 leaves out nothing. Also returns how much there was to do.
     ///
     /// # Panics
@@ -232,6 +241,6 @@ impl Transfer {
 
     /// Pixels whose centre gathers light, by itself or by what it shows in mirrors and through glass.
     pub fn lit_pixels(&self) -> usize {
-        gathering_pixels(&self.view, [&self.rows_of_centers, &self.rows_of_center_branches])
+        gathering_pixels(&self.view, [&self.receivers_of_centers, &self.receivers_of_center_branches])
     }
 }

@@ -4,7 +4,6 @@
 
 use super::effort::{bounce_block, receiver_block};
 use super::low_rank::LowRankSettings;
-use super::shot::SIGHT_RAYS;
 use super::{Encoding, Multibounce, Settings};
 use crate::scene::Scene;
 
@@ -14,6 +13,8 @@ const A_TRIANGLE: u64 = 400;
 const A_PIXEL: u64 = 800;
 /// Of a ray that tells who sees what.
 const A_SIGHT_RAY: u64 = 26;
+/// Of a receiver, while records are chosen: its place, and what it takes of which.
+const A_RECEIVER: u64 = 280;
 /// Of a gather sample: while its cell is made beside such rays, while its portrait is taken, and then on.
 const A_CELL: [u64; 3] = [1500, 4200, 3300];
 /// Most gather samples that there can be.
@@ -81,16 +82,17 @@ pub(super) struct Needs {
 impl Needs {
     /// `makes_rows` says whether there are blocks to be made.
     pub(super) fn new(settings: &Settings, scene: &Scene, makes_rows: bool) -> Self {
-        let Settings { gather, size: (width, height), sharing, .. } = *settings;
+        let Settings { gather, size: (width, height), .. } = *settings;
         // others are refused by whoever makes the cloud
         let count = gather.min(MOST_CELLS);
         let effort = settings.quality.effort();
         let (pixels, cells) = ((width * height) as u64, count as u64);
         let lights = effort.training_lights as u64;
-        let receivers = (RECEIVERS * pixels as f64) as usize / sharing;
+        // as if each had a row: of records there are fewer, whose rows take more
+        let receivers = (RECEIVERS * pixels as f64) as usize;
         let operators = [
             (count, bounce_block(count), effort.bounce_encoding),
-            (receivers, receiver_block(width * height / sharing), effort.gather_encoding),
+            (receivers, receiver_block(width * height), effort.gather_encoding),
         ];
         let blocks = operators.map(|(rows, length, encoding)| match settings.encoding {
             Encoding::LowRank => {
@@ -110,15 +112,19 @@ impl Needs {
         };
         // the lights, their coefficients, and what is learned of these; of the three, the second is gone when blocks are made
         let learned = lights * cells * size_of::<f32>() as u64;
-        let after_cloud = (3 * learned).max(2 * learned + photons + block + encoded);
-        let rays = (64 * pixels).min((SIGHT_RAYS / sharing) as u64);
+        let records = match settings.gather_spacing() {
+            Some(_) => A_RECEIVER * (receivers + count) as u64,
+            None => 0,
+        };
+        let after_cloud = (3 * learned).max(2 * learned + photons + records + block + encoded);
+        let rays = (64 * pixels).min(effort.sight_rays as u64);
         let [beside_rays, portrait, then] = A_CELL.map(|bytes| bytes * cells);
         let making_cloud = (A_SIGHT_RAY * rays + beside_rays).max(portrait);
         Self {
             looked: A_TRIANGLE * triangles(scene) + A_PIXEL * pixels,
             after_looking: making_cloud.max(then + after_cloud),
             after_cloud,
-            beside_blocks: then + 2 * learned,
+            beside_blocks: then + 2 * learned + records,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! A linear operator from light on the cloud to light on points, whatever its encoding.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use glam::Vec3;
 
@@ -8,7 +8,7 @@ use super::culling::{Norms, Work};
 use super::haar_blocks::HaarBlocks;
 use super::haar_rows::HaarRows;
 use super::low_rank::LowRank;
-use super::{Buffer, Coefficients, Selection};
+use super::{Buffer, Coefficients, Interpolation, Selection};
 
 /// How an operator is stored. All stand for the same matrix.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -69,8 +69,10 @@ pub enum Matrix {
 /// irradiance over pi), or by a specular lobe (`F_g g`).
 #[derive(Clone, Debug)]
 pub struct Operator {
-    /// Rows.
+    /// Points at which light arrives, one value each.
     pub rows: usize,
+    /// From the matrix's rows to those; `None` where each has the row of its number.
+    pub interpolation: Option<Arc<Interpolation>>,
     /// The matrix.
     pub matrix: Matrix,
     /// `D^-1`, one a coefficient; empty where the encoding uses no prior.
@@ -88,7 +90,18 @@ impl Operator {
         weights: Buffer<f32>,
         expected_error: EncodingError,
     ) -> Self {
-        Self { rows, matrix, weights, expected_error, norms: OnceLock::new() }
+        Self { rows, interpolation: None, matrix, weights, expected_error, norms: OnceLock::new() }
+    }
+
+    /// The same rows, from which all points take theirs.
+    #[must_use]
+    pub(super) fn interpolated(self, interpolation: Arc<Interpolation>) -> Self {
+        Self { rows: interpolation.receivers(), interpolation: Some(interpolation), ..self }
+    }
+
+    /// Rows of the matrix.
+    pub fn records(&self) -> usize {
+        self.interpolation.as_ref().map_or(self.rows, |interpolation| interpolation.records)
     }
 
     /// `F g`, one RGB a row. Nothing is culled.
@@ -114,11 +127,16 @@ impl Operator {
         } else {
             None
         };
-        match &self.matrix {
+        let apply = |out: &mut [Vec3]| match &self.matrix {
             Matrix::LowRank(matrix) => matrix.apply(coefficients, cut, out),
             Matrix::HaarRows(matrix) => matrix.apply(coefficients, cut, out),
             Matrix::HaarBlocks(matrix) => matrix.apply(coefficients, cut, out),
-        }
+        };
+        let Some(interpolation) = &self.interpolation else { return apply(out) };
+        let mut rows = vec![Vec3::ZERO; interpolation.records];
+        let work = apply(&mut rows);
+        interpolation.apply(&rows, out);
+        work
     }
 
     /// What culling asks, for a cloud of `count` samples: found once.
@@ -130,7 +148,7 @@ impl Operator {
         })
     }
 
-    /// Bytes stored, the prior included.
+    /// Bytes stored, the prior included, but without the interpolation, which operators may share.
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.weights)
             + match &self.matrix {
@@ -151,13 +169,16 @@ impl Operator {
 
     /// Whether the parts fit together and a cloud of `count` samples: what a file must be before it is used.
     pub(super) fn is_sound(&self, count: usize) -> bool {
-        if !self.weights.iter().all(|weight| weight.is_finite()) {
+        if !self.weights.iter().all(|weight| weight.is_finite())
+            || !self.interpolation.as_ref().is_none_or(|interpolation| interpolation.is_sound())
+        {
             return false;
         }
+        let rows = self.records();
         match &self.matrix {
-            Matrix::LowRank(matrix) => self.weights.len() == count && matrix.is_sound(self.rows, count),
-            Matrix::HaarRows(matrix) => self.weights.is_empty() && matrix.is_sound(self.rows, count),
-            Matrix::HaarBlocks(matrix) => self.weights.is_empty() && matrix.is_sound(self.rows, count),
+            Matrix::LowRank(matrix) => self.weights.len() == count && matrix.is_sound(rows, count),
+            Matrix::HaarRows(matrix) => self.weights.is_empty() && matrix.is_sound(rows, count),
+            Matrix::HaarBlocks(matrix) => self.weights.is_empty() && matrix.is_sound(rows, count),
         }
     }
 }

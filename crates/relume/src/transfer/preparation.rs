@@ -245,10 +245,10 @@ impl<'a> Preparation<'a> {
         let (receivers, cloud, map) = shot.samples(camera, view, &hits, &stages)?;
         drop(hits);
         memory.check(needs.after_cloud)?;
-        let (gather, bounce, owners) = shot.operators(&receivers, &cloud, &map, &stages)?;
+        let (gather, bounce, numbers) = shot.operators(&receivers, &cloud, &map, &stages)?;
         let of_centers = [&receivers.of_centers[..], &receivers.of_center_branches[..]];
         let lit = gathering_pixels(view, of_centers).max(1) as f64;
-        let rows = row_numbers(&owners);
+        let known_as = |receivers: &[u32]| renumbered(receivers, numbers.as_deref());
         let materials = &self.scene.materials;
         let report = Report {
             settings: settings.clone(),
@@ -277,10 +277,10 @@ impl<'a> Preparation<'a> {
             gather: gather.operator,
             glossy: gather.glossy,
             bounce: bounce.operator,
-            rows_of_centers: rows(&receivers.of_centers),
-            rows_of_quads: rows(&receivers.of_quads),
-            rows_of_center_branches: rows(&receivers.of_center_branches),
-            rows_of_quad_branches: rows(&receivers.of_quad_branches),
+            receivers_of_centers: known_as(&receivers.of_centers),
+            receivers_of_quads: known_as(&receivers.of_quads),
+            receivers_of_center_branches: known_as(&receivers.of_center_branches),
+            receivers_of_quad_branches: known_as(&receivers.of_quad_branches),
             occluders,
         })
     }
@@ -393,20 +393,16 @@ impl Progress for Stages<'_> {
         self.progress.cancelled()
     }
 }
-/// From receivers to the rows of which they are the `owners`.
-fn row_numbers(owners: &[u32]) -> impl Fn(&[u32]) -> Buffer<u32> {
-    let mut rows = vec![Receivers::NONE; owners.len()];
-    for (row, &receiver) in owners.iter().enumerate() {
-        rows[receiver as usize] = row as u32;
-    }
-    move |receivers: &[u32]| {
-        let row = |&receiver: &u32| match receiver {
-            Receivers::NONE => Receivers::NONE,
-            receiver => rows[receiver as usize],
-        };
-        receivers.iter().map(row).collect::<Vec<_>>().into()
-    }
+
+/// Receivers by other numbers, if there are any.
+fn renumbered(receivers: &[u32], numbers: Option<&[u32]>) -> Buffer<u32> {
+    let number = |&receiver: &u32| match receiver {
+        Receivers::NONE => Receivers::NONE,
+        receiver => numbers.map_or(receiver, |numbers| numbers[receiver as usize]),
+    };
+    receivers.iter().map(number).collect::<Vec<_>>().into()
 }
+
 /// A hash of what a preparation reads of the scene.
 fn scene_hash(scene: &Scene, geometry: &Geometry, camera: &Camera) -> String {
     let mut hash = Xxh3::new();

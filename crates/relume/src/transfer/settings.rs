@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 
 use super::photons::PhotonSettings;
 use super::{Encoding, Multibounce, Quality, Selection};
-use crate::sample::CloudMethod;
+use crate::sample::{CloudMethod, Spacing};
 use crate::scene::{Camera, Scene};
 use crate::{Error, Result};
 
@@ -34,9 +34,9 @@ pub struct Settings {
     pub sky: bool,
     /// Time and space to spend.
     pub quality: Quality,
-    /// How many receivers that are alike may share a row, also of several pixels: 1 to 256. For a first look; 1 shares none.
-    #[serde(default = "alone")]
-    pub sharing: usize,
+    /// How far apart those receivers lie, at most, that have a row of their own and from which the others take their light: a share of the harmonic
+    /// mean distance of what they see, 0 to 1. More is faster, smaller and coarser; 0 gives each receiver its row.
+    pub spacing: f32,
     /// How operators are stored.
     pub encoding: Encoding,
     /// What the encoding of the diffuse final gather may lose, relative to all light, 0.001 to 1, of `low-rank`; `None` is what `quality` spends
@@ -58,15 +58,17 @@ pub struct Settings {
     pub seed: u32,
 }
 
-fn alone() -> usize {
-    1
-}
-
-/// The steps before what was asked for: quality, receivers that share a row, gather samples at most. The first is there in seconds, the second
-/// in about a tenth of the time of a `standard` preparation.
-const STEPS: [(Quality, usize, usize); 2] = [(Quality::Glance, 64, 4096), (Quality::Draft, 8, 16_384)];
-/// Pixels at which so many share: fewer do in smaller images.
-const STEPS_PIXELS: usize = 640 * 480;
+/// The steps before what was asked for: quality, spacing of records at least, and gather samples at most. The first is there in seconds.
+const STEPS: [(Quality, f32, usize); 2] = [(Quality::Glance, 1.0, 4096), (Quality::Draft, 0.4, 16_384)];
+/// Pixels that records of the final gather lie apart at least: so many, and so many times the spacing, the latter in images of
+const LEAST_PIXELS: (f32, f32) = (1.0, 14.0);
+/// so many pixels or more; in smaller ones, whose pixels are wider, fewer.
+const LARGE: f32 = 640.0 * 480.0;
+/// How far normals of records may differ from those that they speak for, as a distance of unit vectors: so far, and as far again as many times the
+/// spacing.
+const TILT: (f32, f32) = (0.1, 0.7);
+/// How much farther apart than those of the final gather records of the bounces lie.
+const BOUNCE_SPACING: f32 = 2.0;
 /// Photons of these steps.
 const STEPS_PHOTONS: usize = 1 << 16;
 
@@ -79,7 +81,7 @@ impl Default for Settings {
             cloud: CloudMethod::Adaptive,
             sky: true,
             quality: Quality::Standard,
-            sharing: alone(),
+            spacing: 0.0,
             encoding: Encoding::LowRank,
             error: None,
             selection: None,
@@ -99,26 +101,38 @@ impl Settings {
         self.selection.unwrap_or_else(|| self.encoding.selection())
     }
 
+    /// Where there are records of the final gather; `None` where each receiver has a row.
+    pub(super) fn gather_spacing(&self) -> Option<Spacing> {
+        let (width, height) = self.size;
+        let large = ((width * height) as f32 / LARGE).sqrt().min(1.0);
+        let least = LEAST_PIXELS.0 + LEAST_PIXELS.1 * self.spacing * large;
+        Some(Spacing { share: self.spacing, least, tilt: self.tilt() }).filter(|spacing| spacing.share > 0.0)
+    }
+
+    fn tilt(&self) -> f32 {
+        TILT.0 + TILT.1 * self.spacing
+    }
+
+    /// The same of the bounces.
+    pub(super) fn bounce_spacing(&self) -> Option<Spacing> {
+        let share = BOUNCE_SPACING * self.spacing;
+        Some(Spacing { share, least: 0.0, tilt: self.tilt() }).filter(|spacing| spacing.share > 0.0)
+    }
+
     /// What is prepared before this, for a first look and a second one.
     pub(super) fn coarser(&self) -> Vec<Self> {
-        let (width, height) = self.size;
-        let step = |(quality, sharing, gather): (Quality, usize, usize)| {
-            let sharing = sharing * (width * height) / STEPS_PIXELS;
-            Self {
-                sharing: self.sharing.max(sharing.clamp(1, 256).next_power_of_two()),
-                gather: self.gather.min(gather),
-                quality,
-                error: None,
-                photons: PhotonSettings { count: self.photons.count.min(STEPS_PHOTONS), ..self.photons },
-                ..self.clone()
-            }
+        let step = |(quality, spacing, gather): (Quality, f32, usize)| Self {
+            spacing: self.spacing.max(spacing),
+            gather: self.gather.min(gather),
+            quality,
+            error: None,
+            photons: PhotonSettings { count: self.photons.count.min(STEPS_PHOTONS), ..self.photons },
+            ..self.clone()
         };
         let mut steps: Vec<Self> = STEPS.map(step).into();
-        // rows times columns: what takes most of the time
-        let work = |settings: &Self| settings.gather as f64 / settings.sharing as f64;
         steps.retain(|step| match step.quality.cmp(&self.quality) {
             Ordering::Less => true,
-            Ordering::Equal => 2.0 * work(step) <= work(self),
+            Ordering::Equal => 2 * step.gather <= self.gather,
             Ordering::Greater => false,
         });
         steps
@@ -135,11 +149,8 @@ impl Settings {
                 "an image of {width}x{height}: each side must be 1 to 16384 pixels"
             )));
         }
-        if !(1..=256).contains(&self.sharing) {
-            return Err(Error::Setting(format!(
-                "{} receivers that share a row: must be 1 to 256",
-                self.sharing
-            )));
+        if !(0.0..=1.0).contains(&self.spacing) {
+            return Err(Error::Setting(format!("a spacing of {}: must be 0 to 1", self.spacing)));
         }
         if !(1..=4096).contains(&self.coefficients) {
             return Err(Error::Setting(format!(

@@ -8,6 +8,7 @@ use super::budget;
 use super::compute::{self, Computed, Encoder, Finished, Haar, Plan, RowEstimator};
 use super::effort::{Effort, bounce_block, receiver_block};
 use super::form_factors::Patches;
+use super::gathering::{Gathering, inverse};
 use super::low_rank::LowRankSettings;
 use super::memory::Memory;
 use super::paper_rows::{ClusterBounds, PaperRows};
@@ -18,16 +19,21 @@ use super::training::Training;
 use super::{Encoding, ImageLayout, Multibounce, Operator, RowMethod, Selection, Settings};
 use crate::Result;
 use crate::progress::Progress;
-use crate::sample::{CellMap, CloudSettings, GatherCloud, QUAD, Receivers, ViewHits, ViewSamples};
+use crate::sample::{
+    CellMap, CloudSettings, GatherCloud, GatherSample, Gloss, QUAD, Receiver, Receivers, ViewHits,
+    ViewSamples,
+};
 use crate::scene::{Camera, Geometry, Scene};
 use crate::trace::{Accel, Hit};
 
-/// Rays that tell who sees what where no receivers are shared.
-pub(super) const SIGHT_RAYS: usize = 20_000_000;
 /// Lights of other kinds than are learned from, by which encodings are judged as well.
 const OTHER_LIGHTS: usize = 24;
 /// Opening threshold of the paper's cluster cut, squared size over squared distance.
 const PAPER_THRESHOLD: f32 = 0.01;
+/// Pixels that a record counts as where lengths of blocks are chosen.
+const RECORD_STANDS_FOR: usize = 4;
+/// Sets random numbers of the bounces apart from those of the final gather.
+const BOUNCE_SEED: u32 = 0x5bd1_e995;
 /// Coefficients a row of the paper's multi-bounce matrix, as a share of the final gather's: 40 of 100.
 const PAPER_BOUNCE_SHARE: f64 = 0.4;
 
@@ -51,7 +57,10 @@ impl Shot<'_> {
         progress: &dyn Progress,
     ) -> Result<(Receivers, GatherCloud, CellMap)> {
         let (width, height) = self.settings.size;
-        let receivers = Receivers::new(view, camera, self.settings.glossy, self.settings.sharing, progress)?;
+        let mut receivers = Receivers::new(view, camera, self.settings.glossy);
+        if self.settings.gather_spacing().is_some() {
+            receivers.put_in_order(progress)?;
+        }
         let look = |pixel: usize, offset: Vec2| {
             let (x, y) = ((pixel % width) as f32 + offset.x, (pixel / width) as f32 + offset.y);
             camera.direction(x, y, width, height)
@@ -66,20 +75,22 @@ impl Shot<'_> {
         let opaque = self.geometry.triangles.len();
         let is_opaque = |(hit, _): &(Hit, Vec3)| !hit.is_hit() || (hit.triangle as usize) < opaque;
         let seen: Vec<_> = centers.chain(further).chain(branches).filter(is_opaque).collect();
-        let Settings { gather: count, cloud: method, sky, seed, sharing, .. } = *self.settings;
-        let settings = CloudSettings { count, method, sky, rays: SIGHT_RAYS / sharing, seed };
+        let Settings { gather: count, cloud: method, sky, seed, .. } = *self.settings;
+        let rays = self.settings.quality.effort().sight_rays;
+        let settings = CloudSettings { count, method, sky, rays, seed };
         let (cloud, map) =
             GatherCloud::new(self.scene, self.geometry, self.accel, &seen, &settings, progress)?;
         Ok((receivers, cloud, map))
     }
 
+    /// The final gather, the bounces, and the row of each receiver, where each has one.
     pub(super) fn operators(
         &self,
         receivers: &Receivers,
         cloud: &GatherCloud,
         map: &CellMap,
         progress: &dyn Progress,
-    ) -> Result<(Computed, Computed, Vec<u32>)> {
+    ) -> Result<(Computed, Computed, Option<Vec<u32>>)> {
         let (patches, bounds) = (Patches::new(cloud, map), ClusterBounds::new(cloud));
         let rows = self.rows(cloud, map, (&patches, &bounds));
         let lights = self.training(cloud, rows.effort.training_lights, progress)?;
@@ -87,12 +98,15 @@ impl Shot<'_> {
         let bounce = rows.all_bounces(prior, progress)?;
         let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
         drop(lights);
-        let (gather, owners) = rows.final_gather(receivers, prior, progress, |plan, blocks| {
-            progress.stage(Part::FinalGather.name(), blocks.points.len() as u64);
-            let gather = compute::compute(plan, (Part::FinalGather, blocks), self.finished, progress)?;
-            Ok((gather, blocks.owners.clone()))
-        })?;
-        Ok((gather, bounce, owners))
+        let (gather, numbers) =
+            rows.final_gather(receivers, prior, progress, |plan, blocks, gathering| {
+                progress.stage(Part::FinalGather.name(), blocks.points.len() as u64);
+                let gather = compute::compute(plan, (Part::FinalGather, blocks), self.finished, progress)?;
+                let interpolation = gathering.interpolation(&blocks.owners);
+                let numbers = interpolation.is_none().then(|| inverse(&blocks.owners));
+                Ok((gather.interpolated(interpolation), numbers))
+            })?;
+        Ok((gather, bounce, numbers))
     }
 
     /// The blocks of a shard, kept in the file. Returns how many there are.
@@ -113,12 +127,14 @@ impl Shot<'_> {
             }
         };
         if bounces_only {
-            return rows.bounces(prior, progress, |plan, blocks, _| share(Part::Bounces)(plan, blocks));
+            return rows.bounces(prior, progress, |plan, (blocks, _), _| share(Part::Bounces)(plan, blocks));
         }
         let bounce = rows.all_bounces(prior, progress)?;
         let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
         drop(lights);
-        rows.final_gather(receivers, prior, progress, share(Part::FinalGather))
+        rows.final_gather(receivers, prior, progress, |plan, blocks, _| {
+            share(Part::FinalGather)(plan, blocks)
+        })
     }
 
     fn rows<'b>(
@@ -192,11 +208,12 @@ impl Rows<'_> {
 
     /// The whole operator of the bounces.
     fn all_bounces(&self, prior: Option<LightPrior>, progress: &dyn Progress) -> Result<Computed> {
-        self.bounces(prior, progress, |plan, blocks, rays| {
+        self.bounces(prior, progress, |plan, (blocks, gathering), rays| {
             progress.stage(Part::Bounces.name(), blocks.points.len() as u64);
             let finished = self.shot.finished;
             let computed = compute::compute(plan, (Part::Bounces, blocks), finished, progress)?;
-            Ok(Computed { rays: computed.rays + rays, ..computed })
+            let computed = Computed { rays: computed.rays + rays, ..computed };
+            Ok(computed.interpolated(gathering.interpolation(&blocks.owners)))
         })
     }
 
@@ -205,25 +222,51 @@ impl Rows<'_> {
         &self,
         prior: Option<LightPrior>,
         progress: &dyn Progress,
-        work: impl FnOnce(Plan<'_>, &Blocks, u64) -> Result<T>,
+        work: impl FnOnce(Plan<'_>, (&Blocks, &Gathering<'_>), u64) -> Result<T>,
     ) -> Result<T> {
         let (settings, count, memory) = (self.shot.settings, self.patches.len(), self.shot.memory);
         let per_row = (settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
-        let length = bounce_block(count);
+        let gathering = self.of_cloud(progress)?;
+        let length = bounce_block(gathering.records());
         let store =
             Store::new(settings, self.effort.bounce_encoding.of_blocks(length), prior, per_row, count);
-        let rows = blocks::of_cloud(self.cloud, length, settings.seed);
-        let layout = ImageLayout::of_cloud(count, rows.points.len());
+        let (points, served) = gathering.rows();
+        let (rows, layout) = if gathering.is_whole() {
+            let rows = blocks::of_cloud(self.cloud, length, settings.seed);
+            let layout = ImageLayout::of_cloud(count, rows.points.len());
+            (rows, layout)
+        } else {
+            let seed = settings.seed ^ BOUNCE_SEED;
+            let rows = blocks::of_receivers(&points, &served, length, seed, progress)?;
+            (rows, ImageLayout::of_records(settings.size.0, points.len()))
+        };
         let plan =
             |estimator| Plan { estimator, encoder: store.encoder(&layout), glossy: false, count, memory };
         match settings.multibounce {
-            Multibounce::Iterated => work(plan(self.estimator(self.effort.bounce_rows)), &rows, 0),
+            Multibounce::Iterated => {
+                work(plan(self.estimator(self.effort.bounce_rows)), (&rows, &gathering), 0)
+            }
             Multibounce::Photon => {
                 let source = self.photons();
                 let photons = source.shoot(progress)?;
-                work(plan(RowEstimator::Photons(&photons)), &rows, photons.rays())
+                work(plan(RowEstimator::Photons(&photons)), (&rows, &gathering), photons.rays())
             }
         }
+    }
+
+    /// The points to which light bounces. Photons are counted at each gather sample.
+    fn of_cloud(&self, progress: &dyn Progress) -> Result<Gathering<'_>> {
+        let settings = self.shot.settings;
+        let point = |sample: &GatherSample| Receiver {
+            position: sample.position,
+            shading_normal: sample.normal,
+            geometric_normal: sample.normal,
+            pixel: 0.0,
+            gloss: Gloss::default(),
+        };
+        let points: Vec<Receiver> = self.cloud.surfaces().iter().map(point).collect();
+        let spacing = settings.bounce_spacing().filter(|_| settings.multibounce == Multibounce::Iterated);
+        Gathering::new(points, self.shot.accel, spacing, settings.seed ^ BOUNCE_SEED, progress)
     }
 
     fn photons(&self) -> PhotonSource<'_> {
@@ -238,25 +281,35 @@ impl Rows<'_> {
         receivers: &Receivers,
         prior: Option<LightPrior>,
         progress: &dyn Progress,
-        work: impl FnOnce(Plan<'_>, &Blocks) -> Result<T>,
+        work: impl FnOnce(Plan<'_>, &Blocks, &Gathering<'_>) -> Result<T>,
     ) -> Result<T> {
         let (settings, count, memory) = (self.shot.settings, self.patches.len(), self.shot.memory);
-        let (width, height) = settings.size;
-        let length = receiver_block(width * height / settings.sharing);
+        let (accel, spacing) = (self.shot.accel, settings.gather_spacing());
+        let gathering = Gathering::new(&receivers.points, accel, spacing, settings.seed, progress)?;
+        let (points, served) = gathering.rows();
+        // records stand for receivers around them
+        let length = if gathering.is_whole() {
+            receiver_block(settings.size.0 * settings.size.1)
+        } else {
+            receiver_block(RECORD_STANDS_FOR * points.len())
+        };
         let encoding = self.effort.gather_encoding.of_blocks(length);
         let mut store = Store::new(settings, encoding, prior, settings.coefficients, count);
-        let rows = blocks::of_receivers(&receivers.points, length, settings.seed, progress)?;
-        let layout = ImageLayout::of_receivers(width, receivers, &rows.owners);
+        let rows = blocks::of_receivers(&points, &served, length, settings.seed, progress)?;
+        let layout = if gathering.is_whole() {
+            ImageLayout::of_receivers(settings.size.0, receivers, &rows.owners)
+        } else {
+            ImageLayout::of_records(settings.size.0, points.len())
+        };
         let estimator = self.estimator(self.effort.gather_rows_of(length));
         if let Some(error) = settings.error {
             let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: false, count, memory };
             let price = budget::price_for(plan, &rows, f64::from(error), progress)?;
             store.multiply_price(price);
         }
-        work(
-            Plan { estimator, encoder: store.encoder(&layout), glossy: settings.glossy, count, memory },
-            &rows,
-        )
+        let plan =
+            Plan { estimator, encoder: store.encoder(&layout), glossy: settings.glossy, count, memory };
+        work(plan, &rows, &gathering)
     }
 }
 /// How one operator is stored, with what was learned for it.

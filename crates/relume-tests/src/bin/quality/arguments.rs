@@ -33,9 +33,9 @@ pub(crate) struct Arguments {
     /// How much time and space to spend on a preparation: glance, draft, standard or final.
     #[arg(long, value_name = "QUALITY", default_value = "standard", value_parser = named::<Quality>)]
     pub(crate) quality: Quality,
-    /// Receivers that share a row, 1 to 256.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
-    sharing: u16,
+    /// How far apart records lie, a share of how far away what they see is, 0 to 1; 0 gives every receiver a row.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    spacing: f32,
     /// How the transfer is stored; each one is a line of the table.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = "low-rank,haar-rows",
           value_parser = named::<Encoding>)]
@@ -198,7 +198,7 @@ impl Arguments {
             size: self.size,
             gather: self.gather,
             quality: self.quality,
-            sharing: usize::from(self.sharing),
+            spacing: self.spacing,
             encoding,
             error: self.error.filter(|_| encoding == Encoding::LowRank).map(|percent| percent / 100.0),
             selection,

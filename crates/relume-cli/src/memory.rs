@@ -14,7 +14,7 @@ const MOST: f64 = (1_u64 << 50) as f64;
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct Limit {
     /// Memory to get by with, as 4GiB or 1500MB: where it is short, fewer threads work at once, which takes longer and changes no byte of the result; where it is far too
-    /// short, the job is refused before it begins [default: no limit; half a gigabyte a thread and about as much again].
+    /// short, the job is refused before it begins [default: no limit; at default settings about 0.4 GB a thread beside 0.8 GB].
     #[arg(long = "memory", value_name = "SIZE", allow_negative_numbers = true, value_parser = memory_size)]
     pub(crate) bytes: Option<u64>,
 }

@@ -45,6 +45,7 @@ mod rows;
 mod selection;
 mod settings;
 mod shot;
+mod tensors;
 mod tiles;
 mod training;
 mod workers;

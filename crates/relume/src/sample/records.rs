@@ -84,6 +84,15 @@ struct Place {
     turn: f32,
 }
 
+/// Receivers that were visited together.
+struct Run {
+    places: Vec<Place>,
+    /// Those that are records, ascending.
+    chosen: Vec<u32>,
+    /// For each place the number in `chosen` of the record that speaks for it.
+    spoken_for_by: Vec<u32>,
+}
+
 impl Place {
     fn new(receiver: &Receiver, clearance: f32, spacing: Spacing) -> Self {
         let Receiver { position, shading_normal: normal, geometric_normal: geometric, gloss, .. } = *receiver;
@@ -152,12 +161,11 @@ impl Records {
                 .collect();
             let (chosen, spoken_for_by) = chosen(&places, seed);
             progress.advance(receivers.len() as u64);
-            Ok((places, chosen, spoken_for_by))
+            Ok(Run { places, chosen, spoken_for_by })
         };
-        let runs: Vec<(Vec<Place>, Vec<u32>, Vec<u32>)> =
-            receivers.par_chunks(RUN).enumerate().map(of_run).collect::<Result<_>>()?;
+        let runs: Vec<Run> = receivers.par_chunks(RUN).enumerate().map(of_run).collect::<Result<_>>()?;
         let (mut records, mut starts) = (Vec::new(), Vec::new());
-        for (run, (places, chosen, _)) in runs.iter().enumerate() {
+        for (run, Run { places, chosen, .. }) in runs.iter().enumerate() {
             starts.push(records.len() as u32);
             records
                 .extend(chosen.iter().map(|&within| (run * RUN + within as usize, places[within as usize])));
@@ -177,7 +185,7 @@ impl Records {
             near.truncate(MOST);
             weights(place, &near, |number| records[number as usize].1)
         };
-        let of_run = |((places, _, spoken_for_by), &start): (&(Vec<Place>, Vec<u32>, Vec<u32>), &u32)| {
+        let of_run = |(Run { places, spoken_for_by, .. }, &start): (&Run, &u32)| {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }

@@ -129,7 +129,7 @@ fn sponza_is_known_at_a_glance() {
         size: (160, 120),
         gather: 4096,
         quality: Quality::Glance,
-        spacing: 1.0,
+        spacing: 1.0 / 16.0,
         glossy: false,
         ..Settings::default()
     };

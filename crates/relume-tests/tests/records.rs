@@ -16,7 +16,7 @@ fn arcade(settings: Settings) -> Arc<Transfer> {
     Arc::new(Preparation::new(&scene).settings(settings).run(&()).unwrap())
 }
 
-/// The demo's scene under its rig: with records there are far fewer rows and bytes, and the image is that of a row for every receiver but for the noise
+/// The demo's scene under its rig: with records there are far fewer rows, and the image is that of a row for every receiver but for the noise
 /// that each of them has.
 #[test]
 fn few_rows_say_what_a_row_for_each_receiver_says() {
@@ -38,7 +38,8 @@ fn few_rows_say_what_a_row_for_each_receiver_says() {
         |transfer: &Arc<Transfer>| relight_afresh(transfer, &rig, &RelightSettings::default()).indirect;
     let truth = image(&whole);
     let mut before = (usize::MAX, 0.0);
-    for spacing in [0.05, 0.4] {
+    // measured 0.042 and 0.085
+    for (spacing, most) in [(0.05, 0.07), (0.4, 0.13)] {
         let few = arcade(settings(spacing));
         let error = compare(&image(&few), &truth, None).unwrap().relative_l2;
         println!(
@@ -52,7 +53,7 @@ fn few_rows_say_what_a_row_for_each_receiver_says() {
         );
         assert_eq!(few.gather.rows, whole.gather.rows, "as many receivers");
         assert!(few.gather.records() < before.0 && error > before.1, "farther apart is coarser");
-        assert!(few.bytes_per_pixel() < whole.bytes_per_pixel());
+        assert!(error < most, "{error}");
         before = (few.gather.records(), error);
     }
 }

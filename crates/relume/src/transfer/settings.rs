@@ -64,6 +64,8 @@ const STEPS: [(Quality, f32, usize); 2] = [(Quality::Glance, 1.0, 4096), (Qualit
 const LEAST_PIXELS: (f32, f32) = (1.0, 14.0);
 /// so many pixels or more; in smaller ones, whose pixels are wider, fewer.
 const LARGE: f32 = 640.0 * 480.0;
+/// Steps of small images have records closer together, by their pixels; at less than this there is nothing to gain.
+const LEAST_SPACING: f32 = 0.02;
 /// How far normals of records may differ from those that they speak for, as a distance of unit vectors: so far, and as far again as many times the
 /// spacing.
 const TILT: (f32, f32) = (0.1, 0.7);
@@ -121,8 +123,12 @@ impl Settings {
 
     /// What is prepared before this, for a first look and a second one.
     pub(super) fn coarser(&self) -> Vec<Self> {
+        let (width, height) = self.size;
+        let large = ((width * height) as f32 / LARGE).min(1.0);
         let step = |(quality, spacing, gather): (Quality, f32, usize)| Self {
-            spacing: self.spacing.max(spacing),
+            spacing: self
+                .spacing
+                .max(Some(large * spacing).filter(|&spacing| spacing > LEAST_SPACING).unwrap_or(0.0)),
             gather: self.gather.min(gather),
             quality,
             error: None,

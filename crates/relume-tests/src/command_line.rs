@@ -1,9 +1,12 @@
 //! What the command lines of the measuring programs have in common.
 
 use std::path::Path;
+use std::process::ExitCode;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+
+use crate::progress::say;
 
 /// The command line to repeat a run of the developer task `task` by, with the last parts of absolute paths alone: folders of one machine mean nothing
 /// on another.
@@ -18,6 +21,17 @@ pub fn command(task: &str, arguments: impl Iterator<Item = String>) -> String {
         None => last_part(&argument),
     });
     std::iter::once(format!("cargo xtask {task}")).chain(shown).collect::<Vec<_>>().join(" ")
+}
+
+/// Says what went wrong, if anything did, and how the program is to end: 2 where it was asked for what cannot be, 1 where it failed.
+pub fn ended(result: relume::Result<()>) -> ExitCode {
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            say(&format!("error: {error}"));
+            ExitCode::from(if error.is_bad_input() { 2 } else { 1 })
+        }
+    }
 }
 
 /// A setting by the name it has in files.

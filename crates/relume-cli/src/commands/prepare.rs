@@ -47,7 +47,7 @@ pub(crate) struct Arguments {
     quality: QualityName,
     /// How far apart the points may lie at which indirect light is gathered, 0 to 1: a share of how far away what they see is. Between them it is
     /// interpolated. More is faster, smaller and coarser; 0 gathers for each pixel.
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_negative_numbers = true)]
     spacing: f32,
     /// Write a coarse cache within seconds, to be relit at once, a better one, and in the end the one that was asked for, each in place of the last.
     #[arg(long, conflicts_with = "shard")]

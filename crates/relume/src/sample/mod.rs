@@ -30,6 +30,6 @@ pub use receivers::{Gloss, Receiver, Receivers};
 pub(crate) use records::{MOST as MOST_SHARES, Records, Spacing};
 pub use sky::SkyCells;
 pub use sky_light::illuminate_sky;
-pub(crate) use tree::{cluster_order, ordering_steps};
+pub(crate) use tree::{cluster_order, ordering_steps, places_in};
 pub(crate) use view::QUAD;
 pub use view::{ViewGrid, ViewHits, ViewSample, ViewSamples, edge_pixels, kept_base_color};

@@ -9,7 +9,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::alike::{Alike, Seen};
-use super::{ViewSample, ViewSamples, cluster_order, ordering_steps};
+use super::{ViewSample, ViewSamples, cluster_order, ordering_steps, places_in};
 use crate::scene::Camera;
 use crate::{Progress, Result};
 
@@ -139,10 +139,7 @@ impl Receivers {
             self.points.iter().map(|point| (point.position, point.shading_normal)).collect();
         let order = cluster_order(&places, ORDERED, progress)?;
         self.points = order.iter().map(|&number| self.points[number as usize]).collect();
-        let mut places = vec![0; order.len()];
-        for (place, &number) in (0..).zip(&order) {
-            places[number as usize] = place;
-        }
+        let places = places_in(&order);
         let all = [
             &mut self.of_centers,
             &mut self.of_quads,

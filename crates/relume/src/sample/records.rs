@@ -29,7 +29,7 @@ pub(crate) const MOST: usize = 8;
 const NEAREST: std::num::NonZero<usize> = std::num::NonZero::new(40).unwrap();
 /// Rays from each receiver that measure how far away its surroundings are: few, for neighbours put theirs together.
 const CLEARANCE_RAYS: u32 = 4;
-/// As many.
+/// How many put theirs together.
 const NEIGHBOURS: usize = 16;
 /// Least cosine between geometric normals of receivers and the records that speak for them.
 const SAME_FACE: f32 = 0.7;

@@ -56,6 +56,15 @@ pub(crate) fn cluster_order(
     order_of_runs(&keys, lengths, progress)
 }
 
+/// Where each number stands in an order of all of them.
+pub(crate) fn places_in(order: &[u32]) -> Vec<u32> {
+    let mut places = vec![0; order.len()];
+    for (place, &number) in (0..).zip(order) {
+        places[number as usize] = place;
+    }
+    places
+}
+
 /// Steps of ordering so many points: each of them goes through as many halvings as it takes to be alone.
 pub(crate) fn ordering_steps(count: usize) -> u64 {
     count as u64 * halvings(count)

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::Interpolation;
 use super::blocks::Served;
-use crate::sample::{Receiver, Records, Spacing};
+use crate::sample::{Receiver, Records, Spacing, places_in};
 use crate::trace::Accel;
 use crate::{Progress, Result};
 
@@ -60,15 +60,6 @@ impl<'a> Gathering<'a> {
     /// How all points take their light from the rows, of which the `owners` are their numbers among those that have one. `None` where all have.
     pub(super) fn interpolation(&self, owners: &[u32]) -> Option<Arc<Interpolation>> {
         let records = self.records.as_ref()?;
-        Some(Arc::new(Interpolation::new(records, &inverse(owners))))
+        Some(Arc::new(Interpolation::new(records, &places_in(owners))))
     }
-}
-
-/// Where each number stands in a list of all of them.
-pub(super) fn inverse(list: &[u32]) -> Vec<u32> {
-    let mut places = vec![0; list.len()];
-    for (place, &number) in (0..).zip(list) {
-        places[number as usize] = place;
-    }
-    places
 }

@@ -122,6 +122,10 @@ impl Interpolation {
     /// Whether its parts fit each other.
     pub(super) fn is_sound(&self) -> bool {
         let (mut table, mut shares) = (0_u32, 0_u32);
+        let whole = |shares: &[RecordShare]| {
+            (1..=MOST_SHARES).contains(&shares.len())
+                && shares.iter().map(|share| f32::from(share.weight)).sum::<f32>() == WHOLE
+        };
         let run = |(ends, counts): (&RunEnds, &[u8])| {
             let of_run: u32 = counts.iter().map(|&count| u32::from(count)).sum();
             let (first_name, first_share) = (table, shares);
@@ -131,10 +135,17 @@ impl Interpolation {
                 return false;
             }
             let names = table - first_name;
-            first_share.checked_add(of_run) == Some(shares)
-                && self.shares[first_share as usize..shares as usize]
-                    .iter()
-                    .all(|share| u32::from(share.place) < names)
+            if first_share.checked_add(of_run) != Some(shares) {
+                return false;
+            }
+            let shares = &self.shares[first_share as usize..shares as usize];
+            let mut left = shares;
+            let of_point = |&count: &u8| {
+                let (own, rest) = left.split_at(usize::from(count));
+                left = rest;
+                whole(own)
+            };
+            shares.iter().all(|share| u32::from(share.place) < names) && counts.iter().all(of_point)
         };
         self.runs.len() == self.counts.len().div_ceil(RUN)
             && self.runs.iter().zip(self.counts.chunks(RUN)).all(run)
@@ -229,6 +240,11 @@ mod tests {
         refuse(&|broken| {
             let mut shares = broken.shares.to_vec();
             shares[3].place = 255;
+            broken.shares = shares.into();
+        });
+        refuse(&|broken| {
+            let mut shares = broken.shares.to_vec();
+            shares[3].weight ^= 1;
             broken.shares = shares.into();
         });
     }

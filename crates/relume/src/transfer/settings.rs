@@ -126,9 +126,7 @@ impl Settings {
         let (width, height) = self.size;
         let large = ((width * height) as f32 / LARGE).min(1.0);
         let step = |(quality, spacing, gather): (Quality, f32, usize)| Self {
-            spacing: self
-                .spacing
-                .max(Some(large * spacing).filter(|&spacing| spacing > LEAST_SPACING).unwrap_or(0.0)),
+            spacing: self.spacing.max(if large * spacing > LEAST_SPACING { large * spacing } else { 0.0 }),
             gather: self.gather.min(gather),
             quality,
             error: None,

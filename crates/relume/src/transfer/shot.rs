@@ -8,7 +8,7 @@ use super::budget;
 use super::compute::{self, Computed, Encoder, Finished, Haar, Plan, RowEstimator};
 use super::effort::{Effort, bounce_block, receiver_block};
 use super::form_factors::Patches;
-use super::gathering::{Gathering, inverse};
+use super::gathering::Gathering;
 use super::low_rank::LowRankSettings;
 use super::memory::Memory;
 use super::paper_rows::{ClusterBounds, PaperRows};
@@ -21,7 +21,7 @@ use crate::Result;
 use crate::progress::Progress;
 use crate::sample::{
     CellMap, CloudSettings, GatherCloud, GatherSample, Gloss, QUAD, Receiver, Receivers, ViewHits,
-    ViewSamples,
+    ViewSamples, places_in,
 };
 use crate::scene::{Camera, Geometry, Scene};
 use crate::trace::{Accel, Hit};
@@ -103,7 +103,7 @@ impl Shot<'_> {
                 progress.stage(Part::FinalGather.name(), blocks.points.len() as u64);
                 let gather = compute::compute(plan, (Part::FinalGather, blocks), self.finished, progress)?;
                 let interpolation = gathering.interpolation(&blocks.owners);
-                let numbers = interpolation.is_none().then(|| inverse(&blocks.owners));
+                let numbers = interpolation.is_none().then(|| places_in(&blocks.owners));
                 Ok((gather.interpolated(interpolation), numbers))
             })?;
         Ok((gather, bounce, numbers))

@@ -10,6 +10,8 @@ pub(crate) struct Machine {
     /// Of the processor.
     pub(crate) architecture: &'static str,
     pub(crate) system: &'static str,
+    /// The day on which the run began, UTC, as 2026-01-31.
+    pub(crate) date: String,
     /// As many threads as are worth having.
     pub(crate) cores: usize,
     /// `null` where the system does not tell.
@@ -26,6 +28,7 @@ impl Machine {
             processor: field(&read("/proc/cpuinfo"), "model name").unwrap_or_default().to_owned(),
             architecture: std::env::consts::ARCH,
             system: std::env::consts::OS,
+            date: jiff::Timestamp::now().strftime("%Y-%m-%d").to_string(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             memory_bytes: field(&read("/proc/meminfo"), "MemTotal").and_then(kibibytes),
             load: read("/proc/loadavg").split(' ').next().and_then(|load| load.parse().ok()),
@@ -41,7 +44,7 @@ impl Machine {
         let cores = if self.cores == 1 { "one core".to_owned() } else { format!("{} cores", self.cores) };
         let load =
             self.load.map_or_else(String::new, |load| format!(", under a load of {load:.1} when it began"));
-        format!("{processor}, {cores}{memory}, {} {}{load}", self.system, self.architecture)
+        format!("{processor}, {cores}{memory}, {} {}, {}{load}", self.system, self.architecture, self.date)
     }
 }
 
@@ -75,16 +78,17 @@ mod tests {
             processor: "Some CPU".into(),
             architecture: "x86_64",
             system: "linux",
+            date: "2026-01-31".into(),
             cores: 2,
             memory_bytes: Some(24 << 30),
             load: Some(0.25),
         };
         assert_eq!(
             machine.sentence(),
-            "Some CPU, 2 cores, 24 GiB, linux x86_64, under a load of 0.2 when it began"
+            "Some CPU, 2 cores, 24 GiB, linux x86_64, 2026-01-31, under a load of 0.2 when it began"
         );
         let unknown =
             Machine { processor: String::new(), memory_bytes: None, cores: 1, load: None, ..machine };
-        assert_eq!(unknown.sentence(), "an unknown processor, one core, linux x86_64");
+        assert_eq!(unknown.sentence(), "an unknown processor, one core, linux x86_64, 2026-01-31");
     }
 }

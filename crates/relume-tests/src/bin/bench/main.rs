@@ -22,7 +22,7 @@ use clap::Parser;
 use relume::glam::Vec3;
 use relume::{Error, Light, LightKind, LightRig, Progress, Result};
 use relume_io::{load_scene, rig_to_toml};
-use relume_tests::command_line::command;
+use relume_tests::command_line::{command, ended};
 use relume_tests::progress::{Job, say};
 use relume_tests::reports::write_text;
 
@@ -39,13 +39,7 @@ const WORK: &str = ".cache/bench";
 const FIGURES: &str = "bench.json";
 
 fn main() -> ExitCode {
-    match run(&Arguments::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            say(&format!("error: {error}"));
-            ExitCode::from(if error.is_bad_input() { 2 } else { 1 })
-        }
-    }
+    ended(run(&Arguments::parse()))
 }
 
 fn run(arguments: &Arguments) -> Result<()> {

@@ -183,6 +183,7 @@ pub(crate) fn example() -> Report {
             processor: "Some CPU".into(),
             architecture: "x86_64",
             system: "linux",
+            date: "2026-01-31".into(),
             cores: 2,
             memory_bytes: None,
             load: None,

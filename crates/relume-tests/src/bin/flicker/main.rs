@@ -23,7 +23,7 @@ use relume::trace::Accel;
 use relume::trace::sampling::hash;
 use relume::{Error, Light, LightRig, Preparation, Progress, Relighter, Result, Scene, Transfer};
 use relume_io::{load_scene, rig_to_toml};
-use relume_tests::command_line::command;
+use relume_tests::command_line::{command, ended};
 use relume_tests::progress::{Job, say};
 use relume_tests::reports::write_text;
 
@@ -32,13 +32,7 @@ use exact::Quadrature;
 use report::{Exact, Report};
 
 fn main() -> ExitCode {
-    match run(&Arguments::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            say(&format!("error: {error}"));
-            ExitCode::from(if error.is_bad_input() { 2 } else { 1 })
-        }
-    }
+    ended(run(&Arguments::parse()))
 }
 
 fn run(arguments: &Arguments) -> Result<()> {

@@ -27,7 +27,7 @@ use relume::reference::Paths;
 use relume::transfer::Settings;
 use relume::{Error, Progress, Relighter, Result};
 use relume_io::rig_to_toml;
-use relume_tests::command_line::command;
+use relume_tests::command_line::{command, ended};
 use relume_tests::progress::{self, Job, say};
 use relume_tests::reports::write_text;
 
@@ -40,13 +40,7 @@ use report::{EncodingReport, LightReport, Report, SceneReport};
 use shot::Shot;
 
 fn main() -> ExitCode {
-    match run(&Arguments::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            say(&format!("error: {error}"));
-            ExitCode::from(if error.is_bad_input() { 2 } else { 1 })
-        }
-    }
+    ended(run(&Arguments::parse()))
 }
 
 fn run(arguments: &Arguments) -> Result<()> {

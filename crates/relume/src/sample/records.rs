@@ -11,6 +11,9 @@
 //!
 //! Where lobes are sharp, reflections change faster than irradiance does: there records lie closer together, as much as the lobe is narrow and reflects.
 
+use std::collections::BTreeMap;
+use std::num::NonZero;
+
 use glam::{Mat4, Vec3, Vec4};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
@@ -25,8 +28,8 @@ use crate::{Error, Progress, Result};
 const RUN: usize = 4096;
 /// Most records that a receiver takes its light from.
 pub(crate) const MOST: usize = 8;
-/// Records near a receiver that are looked at.
-const NEAREST: std::num::NonZero<usize> = std::num::NonZero::new(40).unwrap();
+/// Records near a receiver that are looked at, of each level.
+const NEAREST: NonZero<usize> = NonZero::new(32).unwrap();
 /// Rays from each receiver that measure how far away its surroundings are: few, for neighbours put theirs together.
 const CLEARANCE_RAYS: u32 = 4;
 /// How many put theirs together.
@@ -91,6 +94,49 @@ struct Run {
     chosen: Vec<u32>,
     /// For each place the number in `chosen` of the record that speaks for it.
     spoken_for_by: Vec<u32>,
+}
+
+/// Records whose reaches are the same but for a factor of two. Each level is searched by itself: where records lie close together, in foliage beside a
+/// floor, the nearest of all would be none of the floor's.
+struct Level {
+    /// No reach is larger, metres.
+    reach: f32,
+    /// Of the records.
+    numbers: Vec<u32>,
+    tree: ImmutableKdTree<f32, 3>,
+}
+
+impl Level {
+    /// # Errors
+    /// [`Error::Setting`] where records cannot be put in order.
+    fn all(records: &[(usize, Place)]) -> Result<Vec<Self>> {
+        let mut levels: BTreeMap<i32, Vec<u32>> = BTreeMap::new();
+        for (number, (_, place)) in (0..).zip(records) {
+            let level = place.reach.max(f32::MIN_POSITIVE).log2().floor() as i32;
+            levels.entry(level).or_default().push(number);
+        }
+        let level = |(level, numbers): (i32, Vec<u32>)| {
+            let position = |&number: &u32| records[number as usize].1.position.to_array();
+            let positions: Vec<[f32; 3]> = numbers.iter().map(position).collect();
+            let tree = ImmutableKdTree::new_from_slice(&positions)
+                .map_err(|error| Error::Setting(format!("the records cannot be put in order ({error})")))?;
+            Ok(Self { reach: f32::exp2((level + 1) as f32), numbers, tree })
+        };
+        levels.into_iter().map(level).collect()
+    }
+
+    /// The nearest records whose kernels may reach `place`.
+    fn near(&self, place: &Place) -> impl Iterator<Item = u32> {
+        let far = KERNEL * self.reach.min(place.reach);
+        let position = place.position.to_array();
+        let found = self
+            .tree
+            .query(&position)
+            .nearest_n::<SquaredEuclidean<f32>>(NEAREST)
+            .within::<SquaredEuclidean<f32>>(far * far)
+            .execute();
+        found.into_iter().map(|found| self.numbers[found.item as usize])
+    }
 }
 
 impl Place {
@@ -170,19 +216,14 @@ impl Records {
             records
                 .extend(chosen.iter().map(|&within| (run * RUN + within as usize, places[within as usize])));
         }
-        let positions: Vec<[f32; 3]> = records.iter().map(|(_, place)| place.position.to_array()).collect();
-        let tree = ImmutableKdTree::new_from_slice(&positions)
-            .map_err(|error| Error::Setting(format!("the records cannot be put in order ({error})")))?;
+        let levels = Level::all(&records)?;
         let weigh = |place: &Place, home: u32| {
-            let near =
-                tree.query(&place.position.to_array()).nearest_n::<SquaredEuclidean<f32>>(NEAREST).execute();
-            let near = near.iter().map(|found| found.item);
+            let near = levels.iter().flat_map(|level| level.near(place));
             let unlike = |number: u32| (number, place.unlike(&records[number as usize].1));
             let mut near: Vec<(u32, f32)> = near.filter(|&number| number != home).map(unlike).collect();
             near.retain(|&(_, unlike)| unlike < KERNEL * KERNEL);
             near.push(unlike(home));
             near.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
-            near.truncate(MOST);
             weights(place, &near, |number| records[number as usize].1)
         };
         let of_run = |(Run { places, spoken_for_by, .. }, &start): (&Run, &u32)| {
@@ -268,9 +309,12 @@ fn chosen(places: &[Place], seed: u32) -> (Vec<u32>, Vec<u32>) {
     (records.iter().map(|&(number, _)| number).collect(), places.iter().map(most_alike).collect())
 }
 
-/// What `place` takes of the records near it, which come with the squares of how unlike they are.
+/// What `place` takes of the records near it, which come with the squares of how unlike they are, the most alike first.
 fn weights(place: &Place, near: &[(u32, f32)], record: impl Fn(u32) -> Place) -> Vec<(u32, f32)> {
-    let kernel = |unlike: f32| (1.0 - unlike / (KERNEL * KERNEL)).max(0.0).powi(2).max(1e-6);
+    // the kernel ends where the first record lies that is left out, so that none comes or goes at once
+    let end = near.get(MOST).map_or(KERNEL * KERNEL, |&(_, unlike)| unlike.min(KERNEL * KERNEL));
+    let near = &near[..near.len().min(MOST)];
+    let kernel = |unlike: f32| (1.0 - unlike / end.max(f32::MIN_POSITIVE)).max(0.0).powi(2).max(1e-6);
     let frame = tangents(place.normal);
     let mut weighed: Vec<(u32, f32, Vec4)> = near
         .iter()
@@ -344,7 +388,6 @@ mod tests {
             let mut near: Vec<(u32, f32)> = numbers.map(|n| (n, place.unlike(&record(n)))).collect();
             near.retain(|&(number, unlike)| unlike < KERNEL * KERNEL || number == home);
             near.sort_by(|a, b| a.1.total_cmp(&b.1));
-            near.truncate(MOST);
             let shares = weights(place, &near, record);
             assert!((shares.iter().map(|(_, weight)| weight).sum::<f32>() - 1.0).abs() < 1e-5);
             assert!(
@@ -357,6 +400,50 @@ mod tests {
         let (rms, of_nearest) = ((squares / 8192.0).sqrt(), (of_nearest / 8192.0).sqrt());
         println!("off by {rms:.4}, the nearest record by {of_nearest:.4}");
         assert!(rms < 0.25 * of_nearest, "{rms} {of_nearest}");
+    }
+
+    #[test]
+    fn a_floor_beside_foliage_is_interpolated_between_its_own_records() {
+        let floor = |x: f32, z: f32| Place { reach: 1.0, ..place(Vec3::new(x, 0.0, z), Vec3::Y) };
+        let leaf = |i: usize| {
+            let (x, z) = ((i % 40) as f32 * 0.005, (i / 40) as f32 * 0.005);
+            Place { reach: 0.004, ..place(Vec3::new(0.1 + x, 0.05, 0.1 + z), Vec3::Y) }
+        };
+        // four records of a floor, a metre apart, and a thousand of a plant, which are nearer
+        let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
+        let all = corners.map(|(x, z)| floor(x, z)).into_iter().chain((0..1000).map(leaf));
+        let records: Vec<(usize, Place)> = all.enumerate().collect();
+        let levels = Level::all(&records).unwrap();
+        assert_eq!(levels.len(), 2);
+        let middle = floor(0.5, 0.5);
+        let mut near: Vec<u32> = levels.iter().flat_map(|level| level.near(&middle)).collect();
+        near.sort_unstable();
+        assert_eq!(near, [0, 1, 2, 3]);
+    }
+
+    #[test]
+    fn nothing_appears_at_once_where_more_records_are_near_than_count() {
+        // a row of records closer together than their reach; what a place takes of each, as it moves along
+        let all: Vec<Place> = (0..40).map(|i| place(Vec3::X * (i as f32 * 0.008), Vec3::Y)).collect();
+        let shares = |x: f32| {
+            let here = place(Vec3::X * x, Vec3::Y);
+            let mut near: Vec<(u32, f32)> =
+                (0..).zip(&all).map(|(n, other)| (n, here.unlike(other))).collect();
+            near.retain(|&(_, unlike)| unlike < KERNEL * KERNEL);
+            near.sort_by(|a, b| a.1.total_cmp(&b.1));
+            assert!(near.len() > MOST);
+            let mut of_all = [0.0; 40];
+            for (number, weight) in weights(&here, &near, |n| all[n as usize]) {
+                of_all[number as usize] = weight;
+            }
+            of_all
+        };
+        let steps: Vec<[f32; 40]> = (0..400).map(|i| shares(0.12 + i as f32 * 1e-4)).collect();
+        let change =
+            |pair: &[[f32; 40]]| pair[0].iter().zip(&pair[1]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let largest = steps.windows(2).map(change).fold(0.0, f32::max);
+        println!("a step of 0.1 mm changes a weight by {largest:.4} at most");
+        assert!(largest < 0.02, "{largest}");
     }
 
     #[test]

@@ -49,6 +49,9 @@ const RIDGE: f32 = 0.02;
 /// What bending leaves of a weight at least.
 const LEAST: f32 = 0.05;
 
+/// Shortest and longest reach, metres: where nothing is around, nothing limits it.
+const REACHES: (f32, f32) = (1e-6, 1e6);
+
 /// How far apart records lie.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Spacing {
@@ -112,7 +115,7 @@ impl Level {
     fn all(records: &[(usize, Place)]) -> Result<Vec<Self>> {
         let mut levels: BTreeMap<i32, Vec<u32>> = BTreeMap::new();
         for (number, (_, place)) in (0..).zip(records) {
-            let level = place.reach.max(f32::MIN_POSITIVE).log2().floor() as i32;
+            let level = place.reach.log2().floor() as i32;
             levels.entry(level).or_default().push(number);
         }
         let level = |(level, numbers): (i32, Vec<u32>)| {
@@ -150,6 +153,7 @@ impl Place {
             None => (Vec3::ZERO, f32::INFINITY),
         };
         let reach = (spacing.share * clearance * turn.min(1.0)).max(spacing.least * receiver.pixel);
+        let reach = reach.clamp(REACHES.0, REACHES.1);
         Self { position, normal, geometric, mirrored, reach, tilt: spacing.tilt, turn: LOBE_TURN * turn }
     }
 
@@ -161,8 +165,7 @@ impl Place {
         let apart = record.position - self.position;
         let off = apart.dot(self.geometric).abs().max(apart.dot(record.geometric).abs());
         let reach = self.reach.min(record.reach);
-        let far =
-            (apart.length_squared() + (OFF_PLANE * off).powi(2)) / (reach * reach).max(f32::MIN_POSITIVE);
+        let far = (apart.length_squared() + (OFF_PLANE * off).powi(2)) / (reach * reach);
         let turned = self.normal.distance_squared(record.normal) / (self.tilt * self.tilt);
         let turn = self.turn.min(record.turn);
         let lobe = if turn < f32::INFINITY {
@@ -175,7 +178,7 @@ impl Place {
 
     /// Where a record lies, seen from here: along the surface in units of the reach, and how its normal is tilted.
     fn offset(&self, record: &Self, (x, y): (Vec3, Vec3)) -> Vec4 {
-        let apart = (record.position - self.position) / self.reach.min(record.reach).max(f32::MIN_POSITIVE);
+        let apart = (record.position - self.position) / self.reach.min(record.reach);
         let tilt = (record.normal - self.normal) / self.tilt;
         Vec4::new(apart.dot(x), apart.dot(y), tilt.dot(x), tilt.dot(y))
     }
@@ -444,6 +447,29 @@ mod tests {
         let largest = steps.windows(2).map(change).fold(0.0, f32::max);
         println!("a step of 0.1 mm changes a weight by {largest:.4} at most");
         assert!(largest < 0.02, "{largest}");
+    }
+
+    #[test]
+    fn reaches_are_finite_where_nothing_is_around() {
+        let receiver = Receiver {
+            position: Vec3::ZERO,
+            shading_normal: Vec3::Y,
+            geometric_normal: Vec3::Y,
+            pixel: 0.0,
+            gloss: Gloss::default(),
+        };
+        let spacing = Spacing { share: 0.5, least: 1.0, tilt: 0.15 };
+        for clearance in [0.0, f32::MAX, f32::INFINITY] {
+            let places = [Place::new(&receiver, clearance, spacing); 3];
+            assert!((REACHES.0..=REACHES.1).contains(&places[0].reach));
+            let (records, _) = chosen(&places, 0);
+            let records: Vec<(usize, Place)> =
+                records.iter().map(|&n| (n as usize, places[n as usize])).collect();
+            let levels = Level::all(&records).unwrap();
+            let near: Vec<u32> = levels.iter().flat_map(|level| level.near(&places[1])).collect();
+            assert_eq!(near, [0]);
+            assert_eq!(weights(&places[1], &[(0, 0.0)], |_| places[0]), [(0, 1.0)]);
+        }
     }
 
     #[test]

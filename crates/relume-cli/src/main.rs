@@ -18,7 +18,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use relume::Result;
 
-use commands::{bench, compare, demo, info, merge, prepare, reference, relight};
+use commands::{bench, compare, demo, info, merge, prepare, reference, relight, view};
 use console::Console;
 
 /// Relights a fixed shot with full global illumination while the lights move.
@@ -49,6 +49,7 @@ enum Command {
     Prepare(prepare::Arguments),
     Merge(merge::Arguments),
     Relight(relight::Arguments),
+    View(view::Arguments),
     Reference(reference::Arguments),
     Compare(compare::Arguments),
     Bench(bench::Arguments),
@@ -79,6 +80,7 @@ fn run(command: &Command, console: &Console) -> Result<()> {
         Command::Prepare(arguments) => prepare::run(arguments, console),
         Command::Merge(arguments) => merge::run(arguments, console),
         Command::Relight(arguments) => relight::run(arguments, console),
+        Command::View(arguments) => view::run(arguments, console),
         Command::Reference(arguments) => reference::run(arguments, console),
         Command::Compare(arguments) => compare::run(arguments, console),
         Command::Bench(arguments) => bench::run(arguments, console),
@@ -101,7 +103,7 @@ mod tests {
     fn every_example_is_a_command_line() {
         let top = CommandLine::command();
         let commands: Vec<_> = top.get_subcommands().chain([&top]).collect();
-        assert_eq!(commands.len(), 9);
+        assert_eq!(commands.len(), 10);
         for command in commands {
             let help = command.get_after_help().unwrap().to_string();
             let examples: Vec<_> = help.lines().filter(|line| line.starts_with("  relume ")).collect();

@@ -24,18 +24,7 @@ pub(crate) fn read(path: &Path, console: &Console) -> Result<Imported> {
 /// # Errors
 /// [`Error::File`] that lists the cameras there are.
 pub(crate) fn camera(scene: &Scene, wanted: Option<&str>, path: &Path) -> Result<usize> {
-    let Some(wanted) = wanted else { return Ok(0) };
-    let by_name = scene.cameras.iter().position(|camera| camera.name == wanted);
-    let by_number = || wanted.parse().ok().filter(|&number: &usize| number < scene.cameras.len());
-    by_name.or_else(by_number).ok_or_else(|| {
-        let names: Vec<String> = scene
-            .cameras
-            .iter()
-            .enumerate()
-            .map(|(number, camera)| format!("{number} `{}`", camera.name))
-            .collect();
-        Error::file(path, format!("has no camera `{wanted}`; it has {}", names.join(", ")))
-    })
+    scene.find_camera(wanted).map_err(|message| Error::file(path, message))
 }
 
 /// The file's name without its folder.

@@ -100,7 +100,7 @@ fn light_on_the_cloud(criterion: &mut Criterion, relighter: &Relighter) {
 fn packets(criterion: &mut Criterion, relighter: &Relighter) {
     let (view, accel) = (&relighter.transfer().view, relighter.accel());
     let to_camera = |sample: &relume::sample::ViewSample| {
-        Ray::between(offset_origin(sample.position, sample.geometric_normal.get()), view.camera)
+        Ray::between(offset_origin(sample.position, sample.geometric_normal.get()), view.camera.position())
     };
     let rays: Vec<Ray> = view.quads.iter().filter(|sample| !sample.is_sky()).map(to_camera).collect();
     let mut blocked = vec![false; CHUNK];

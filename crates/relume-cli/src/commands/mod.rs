@@ -8,3 +8,4 @@ pub(crate) mod merge;
 pub(crate) mod prepare;
 pub(crate) mod reference;
 pub(crate) mod relight;
+pub(crate) mod view;

@@ -78,12 +78,7 @@ impl Film {
         let [a, b] = &halves;
         let direct = mean(&a.direct, &b.direct);
         let indirect = mean(&a.indirect, &b.indirect);
-        let deviation = half_difference(&a.full(), &b.full());
-        let noise = Noise {
-            full: norm(&deviation) / norm(&mean(&a.full(), &b.full())).max(f64::MIN_POSITIVE),
-            direct: relative_noise(&a.direct, &b.direct),
-            indirect: relative_noise(&a.indirect, &b.indirect),
-        };
+        let (deviation, noise) = judged(&halves);
         let lights = names.into_iter().take(self.lights).enumerate();
         let first = 4 + self.bounces;
         let per_light = lights
@@ -146,6 +141,17 @@ impl TileSums {
             .map(|(i, &sum)| (sum * if i < halves { per_half } else { 0.5 * per_half }).as_vec3())
             .collect()
     }
+}
+
+/// Each pixel's standard error and the noise of the whole, as two independent halves show them.
+pub(super) fn judged([a, b]: &[Layers; 2]) -> (Image, Noise) {
+    let deviation = half_difference(&a.full(), &b.full());
+    let noise = Noise {
+        full: norm(&deviation) / norm(&mean(&a.full(), &b.full())).max(f64::MIN_POSITIVE),
+        direct: relative_noise(&a.direct, &b.direct),
+        indirect: relative_noise(&a.indirect, &b.indirect),
+    };
+    (deviation, noise)
 }
 
 fn combine(a: &Image, b: &Image, f: impl Fn(Vec3, Vec3) -> Vec3) -> Image {

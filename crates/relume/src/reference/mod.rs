@@ -16,6 +16,7 @@
 
 mod emitters;
 mod film;
+mod progressive;
 mod response;
 mod tile;
 
@@ -28,6 +29,8 @@ use crate::progress::Progress;
 use crate::scene::{Geometry, LightRig, Scene};
 use crate::shade::{PreparedLight, Surface, surface_at};
 use crate::trace::{Accel, Hit};
+
+pub use progressive::Progressive;
 
 use emitters::Emitters;
 use film::Film;

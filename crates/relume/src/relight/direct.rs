@@ -44,7 +44,7 @@ pub(super) fn direct(
     let soft_rays = if settings.preview { PREVIEW_SOFT_RAYS } else { SOFT_RAYS };
     let prepared = PreparedLight::new(light);
     let ViewGrid { samples, chains, a_pixel, .. } = view.samples.grid(settings.aa);
-    let camera = view.samples.camera;
+    let camera = view.samples.camera.position();
     let rays = if prepared.needs_samples() { soft_rays / a_pixel } else { 1 };
     let shading = Shading { light: &prepared, view, rays, accel };
     let share = 1.0 / (a_pixel * rays) as f32;

@@ -83,7 +83,8 @@ impl Relighter {
     /// A dome: its light on the view samples (direct), and its bounces. Suns in its map are lights of their own. A closed scene lets in
     /// neither: what rays find there between its walls is no sky.
     pub(super) fn dome(&mut self, dome: &Dome, settings: &RelightSettings) -> Lit {
-        if self.transfer.cloud.sky.is_empty() {
+        let direct_only = self.transfer.is_direct_only();
+        if self.transfer.cloud.sky.is_empty() && !direct_only {
             return Lit { direct: self.black(), indirect: self.black() };
         }
         let began = Instant::now();
@@ -106,6 +107,9 @@ impl Relighter {
     fn shine(&mut self, emitted: &[Vec3], settings: &RelightSettings) -> Lit {
         let transfer = Arc::clone(&self.transfer);
         let mut lit = Lit { direct: self.black(), indirect: self.black() };
+        if transfer.is_direct_only() {
+            return lit;
+        }
         if settings.only != Only::Indirect {
             lit.direct.pixels = self.gather(emitted, Some(0), settings);
         }

@@ -141,7 +141,7 @@ pub const EMISSION: &str = "emission";
 /// Relights one shot, again and again.
 pub struct Relighter {
     transfer: Arc<Transfer>,
-    accel: Accel,
+    accel: Arc<Accel>,
     /// Within the cloud as it was prepared.
     bounces: CloudBounces,
     edits: Edits,
@@ -199,6 +199,11 @@ impl Relighter {
         &self.edges
     }
 
+    /// The diffuse albedo of what the camera sees, `k_d`, under the base colours of the last frame: dimensionless, the mean over a pixel's samples.
+    pub fn albedo(&self) -> Image {
+        self.transfer.view.albedo(self.edits.scales())
+    }
+
     /// Forgets what earlier frames computed.
     pub fn forget(&mut self) {
         self.kept.clear();
@@ -233,6 +238,11 @@ impl Relighter {
         if settings.cull.is_some_and(|cull| !(0.0..=1.0).contains(&cull)) {
             let cull = settings.cull.unwrap_or_default();
             return Err(Error::Setting(format!("an epsilon of {cull} to cull by: must be 0 to 1")));
+        }
+        if settings.only == Only::Indirect && self.transfer.is_direct_only() {
+            return Err(Error::Setting(
+                "the shot has no indirect light yet: only direct light is there".to_owned(),
+            ));
         }
         let glows = self.glows(rig)?;
         let base_colors = edits::base_colors(&self.transfer.report, rig)?;
@@ -338,7 +348,8 @@ impl Relighter {
             self.stats.shadow_rays += rays;
             self.stats.direct_ms += milliseconds(began);
         }
-        if settings.only != Only::Direct && settings.bounces != Some(0) {
+        let gathers = !self.transfer.is_direct_only() && settings.bounces != Some(0);
+        if settings.only != Only::Direct && gathers {
             let began = Instant::now();
             let detail = if settings.preview { Detail::Coarse } else { Detail::Full };
             let cloud = illuminate_with(self.edits.cloud(&self.transfer), &self.accel, light, detail);

@@ -95,7 +95,10 @@ impl Reflection {
                 for index in
                     (pixel * a_pixel..(pixel + 1) * a_pixel).filter(|&i| receivers[i] != Receivers::NONE)
                 {
-                    parts.add(first, tints.of(&samples[index], view.camera, receivers[index], share));
+                    parts.add(
+                        first,
+                        tints.of(&samples[index], view.camera.position(), receivers[index], share),
+                    );
                 }
                 while let Some((&index, rest)) = behind.split_first().filter(|(b, _)| pixel_of(**b) == pixel)
                 {

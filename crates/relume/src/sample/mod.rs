@@ -19,6 +19,7 @@ mod speakers;
 mod sub_samples;
 mod tree;
 mod view;
+mod view_images;
 
 pub use cell_map::{CellMap, TARGETS};
 pub use chains::{Branch, Chains, SkyView};

@@ -112,8 +112,8 @@ impl Receivers {
         let alike = Alike { pixel: camera.pixel_angle(view.width, view.height), glossy };
         let mut receivers = Self::default();
         let rows = (0..view.height).into_par_iter().map(|row| sources(view, row, alike)).collect();
-        let centers = view.centers.iter().map(|center| alike.straight(center, view.camera));
-        let quads = |quad: u32| alike.straight(&view.quads[quad as usize], view.camera);
+        let centers = view.centers.iter().map(|center| alike.straight(center, view.camera.position()));
+        let quads = |quad: u32| alike.straight(&view.quads[quad as usize], view.camera.position());
         (receivers.of_centers, receivers.of_quads, receivers.further) =
             receivers.place(centers, quads, rows, glossy);
         let rows = (0..view.height).into_par_iter().map(|row| branch_sources(view, row, alike)).collect();
@@ -214,7 +214,7 @@ impl Sources {
 /// Of the quads of a row of pixels.
 fn sources(view: &ViewSamples, row: usize, alike: Alike) -> Sources {
     let mut sources = Sources::default();
-    let straight = |sample| alike.straight(sample, view.camera);
+    let straight = |sample| alike.straight(sample, view.camera.position());
     for column in 0..view.width {
         let first = sources.further.len();
         let pixel = row * view.width + column;

@@ -140,8 +140,8 @@ pub struct ViewSamples {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Where the camera stands, world space.
-    pub camera: Vec3,
+    /// What they are seen by.
+    pub camera: Camera,
     /// `width * height` samples through the pixels' centres, row by row.
     pub centers: Vec<ViewSample>,
     /// `4 * width * height` samples: four a pixel, the upper row first.
@@ -264,7 +264,7 @@ impl ViewSamples {
                 Ok(both)
             })
             .collect::<Result<_>>()?;
-        let mut view = Self { width, height, camera: camera.position(), ..Self::default() };
+        let mut view = Self { width, height, camera: camera.clone(), ..Self::default() };
         let mut hits = ViewHits::default();
         for (center, quad) in rows {
             view.centers.extend(center.samples);

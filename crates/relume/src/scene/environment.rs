@@ -102,6 +102,12 @@ impl EnvironmentMap {
         &self.name
     }
 
+    /// The same map by another name.
+    #[must_use]
+    pub fn renamed(&self, name: impl Into<String>) -> Self {
+        Self { name: name.into(), ..self.clone() }
+    }
+
     /// Of its pixels.
     pub fn content_hash(&self) -> u64 {
         self.hash

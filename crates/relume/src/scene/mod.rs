@@ -8,7 +8,9 @@ mod geometry;
 mod light;
 mod material;
 mod named;
+mod placement;
 mod suns;
+mod temperature;
 mod texture;
 
 pub use camera::Camera;
@@ -17,7 +19,9 @@ pub use geometry::Geometry;
 pub use light::{Light, LightKind, LightRig};
 pub use material::{AlphaMode, Interior, Material, TextureRef};
 pub use named::{Emitter, MaterialEdit, NamedFault, NamedList};
+pub use placement::SeenPoint;
 pub use suns::{Sun, WithoutSuns};
+pub use temperature::{TEMPERATURES, black_body_color, nearest_temperature};
 pub use texture::{ColorSpace, Texture, Wrap};
 
 use glam::{Affine3A, Vec2, Vec3, Vec4};
@@ -74,6 +78,21 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Number of the camera that is called so or, where none is, has this number. The first where none is asked for.
+    ///
+    /// # Errors
+    /// A sentence without its beginning, the file, that lists the cameras there are.
+    pub fn find_camera(&self, wanted: Option<&str>) -> Result<usize, String> {
+        let Some(wanted) = wanted else { return Ok(0) };
+        let by_name = self.cameras.iter().position(|camera| camera.name == wanted);
+        let by_number = || wanted.parse().ok().filter(|&number: &usize| number < self.cameras.len());
+        by_name.or_else(by_number).ok_or_else(|| {
+            let named = |(number, camera): (usize, &Camera)| format!("{number} `{}`", camera.name);
+            let names: Vec<String> = self.cameras.iter().enumerate().map(named).collect();
+            format!("has no camera `{wanted}`; it has {}", names.join(", "))
+        })
+    }
+
     /// Which materials are clear, by number: those that let through at least half of the light that meets them, over their texture in the
     /// mean, and do not shine: what shines must be found by light that is gathered. Rays other than those that start at the camera pass their surfaces as if these were not there.
     pub fn clear_materials(&self) -> Vec<bool> {

@@ -177,6 +177,9 @@ fn add(total: &mut [Vec3], light: &[Vec3], weight: Vec3) {
 ///
 /// Over two steps at a time: light that is thrown to and fro grows and shrinks by turns.
 fn largest_eigenvalues(bounce: &Operator, albedo: &[Vec3]) -> DVec3 {
+    if albedo.is_empty() {
+        return DVec3::ZERO; // a shot of direct light alone
+    }
     let mut light = albedo.to_vec();
     let mut growth = [DVec3::ZERO; 2];
     let mut found = DVec3::ZERO;

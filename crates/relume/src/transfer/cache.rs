@@ -32,13 +32,13 @@ use super::{
 use crate::sample::{
     Chains, Emitted, GatherCloud, Receivers, SUB_SAMPLES, SkyCells, ViewGrid, ViewSample, ViewSamples,
 };
-use crate::scene::Wrap;
+use crate::scene::{Camera, Wrap};
 use crate::trace::{AlphaMask, AlphaMasks};
 use crate::{Error, Result, atomic_write};
 
 /// Version of the file format. A file of another version is refused: preparing again takes minutes, guessing at old
 /// files costs trust.
-pub const FORMAT_VERSION: u32 = 9;
+pub const FORMAT_VERSION: u32 = 10;
 
 const KEY: &str = "relume";
 
@@ -49,7 +49,7 @@ struct Header {
     report: Report,
     width: usize,
     height: usize,
-    camera: [f32; 3],
+    camera: Camera,
     gather: OperatorHeader,
     glossy: Option<OperatorHeader>,
     bounce: OperatorHeader,
@@ -101,6 +101,11 @@ impl Transfer {
     /// [`Error::Io`] where the file cannot be written.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
+        if self.is_direct_only() {
+            return Err(Error::Setting(
+                "this transfer has no indirect light yet and cannot be saved".to_owned(),
+            ));
+        }
         let alpha: Vec<u8> =
             self.occluders.masks.masks.iter().flat_map(|m| m.alpha.iter().copied()).collect();
         let (centers, quads) =
@@ -157,7 +162,7 @@ impl Transfer {
             report: self.report.clone(),
             width: self.view.width,
             height: self.view.height,
-            camera: self.view.camera.to_array(),
+            camera: self.view.camera.clone(),
             gather: OperatorHeader::new(&self.gather),
             glossy: self.glossy.as_ref().map(OperatorHeader::new),
             bounce: OperatorHeader::new(&self.bounce),
@@ -389,7 +394,7 @@ impl<'a> Opened<'a> {
         let view = ViewSamples {
             width,
             height,
-            camera: Vec3::from(self.header.camera),
+            camera: self.header.camera.clone(),
             centers: self.values("view.centers")?,
             quads: self.values("view.quads")?,
             center_emission: emission_from(&self.buffer("view.center_emission")?),
@@ -402,7 +407,7 @@ impl<'a> Opened<'a> {
         let known = |sample: &ViewSample| !sample.is_lit() || (sample.material as usize) < materials;
         let fits = pixels == Some(view.centers.len())
             && pixels.and_then(|pixels| pixels.checked_mul(4)) == Some(view.quads.len());
-        if !fits {
+        if !fits || !view.camera.is_usable() {
             return Err(self.refuse("view"));
         }
         let sound = |grid: ViewGrid<'_>| {
@@ -487,11 +492,9 @@ impl<'a> Opened<'a> {
                 cutoff: mask.cutoff,
             });
         }
-        let occluders = Occluders {
-            positions: self.values("occluders.positions")?,
-            triangles: self.values("occluders.triangles")?,
-            masks,
-        };
+        let (positions, triangles) =
+            (self.values("occluders.positions")?, self.values("occluders.triangles")?);
+        let occluders = Occluders::new(positions, triangles, masks);
         let (masks, vertices) = (&occluders.masks, occluders.positions.len());
         let fits = occluders.triangles.iter().flatten().all(|&vertex| (vertex as usize) < vertices)
             && masks.triangles.len() == masks.mask_ids.len()

@@ -58,13 +58,13 @@ pub(super) fn too_little(needed: u64, limit: u64) -> Error {
 
 /// What of the process lies in memory now, bytes; `None` where the system does not tell.
 #[cfg(target_os = "linux")]
-fn resident_bytes() -> Option<u64> {
+pub fn resident_bytes() -> Option<u64> {
     resident_of_status(&std::fs::read_to_string("/proc/self/status").ok()?)
 }
 
 /// What of the process lies in memory now, bytes; `None` where the system does not tell.
 #[cfg(not(target_os = "linux"))]
-fn resident_bytes() -> Option<u64> {
+pub fn resident_bytes() -> Option<u64> {
     None
 }
 

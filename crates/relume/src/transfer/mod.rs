@@ -59,6 +59,7 @@ pub use culling::Work;
 pub use effort::Quality;
 pub use image_layout::ImageLayout;
 pub use interpolation::{Interpolation, RecordShare, RunEnds};
+pub use memory::resident_bytes;
 pub use multibounce::{CloudBounces, Multibounce};
 pub use occluders::Occluders;
 pub use operator::{Encoding, EncodingError, Matrix, Operator};
@@ -161,6 +162,12 @@ fn gathering_pixels(view: &ViewSamples, [centers, branches]: [&[u32]; 2]) -> usi
 }
 
 impl Transfer {
+    /// Whether this is what [`Preparation::direct_first`] shows first: without gather samples, and so without light from other surfaces, from domes
+    /// but for their suns, and from emissive surfaces, which are seen to shine. Such a transfer is for looking and cannot be saved.
+    pub fn is_direct_only(&self) -> bool {
+        self.cloud.is_empty()
+    }
+
     /// Bytes of all operators a pixel of the image, with their interpolation.
     pub fn bytes_per_pixel(&self) -> f64 {
         let bytes =

@@ -1,3 +1,5 @@
+use std::sync::{Arc, OnceLock};
+
 use glam::Vec3;
 
 use crate::scene::Geometry;
@@ -12,19 +14,26 @@ pub struct Occluders {
     pub triangles: Vec<[u32; 3]>,
     /// Holes.
     pub masks: AlphaMasks,
+    /// What rays are traced in, once that is built.
+    built: OnceLock<Arc<Accel>>,
 }
 
 impl Occluders {
-    pub(super) fn new(geometry: &Geometry, masks: &AlphaMasks) -> Self {
-        Self {
-            positions: geometry.positions.clone(),
-            triangles: geometry.triangles.clone(),
-            masks: masks.clone(),
-        }
+    /// Triangles with their masks; none of them has an index beyond `positions`.
+    pub(super) fn new(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>, masks: AlphaMasks) -> Self {
+        Self { positions, triangles, masks, built: OnceLock::new() }
     }
 
-    /// The acceleration structure over them.
-    pub fn accel(&self) -> Accel {
-        Accel::from_triangles(&self.positions, &self.triangles, self.masks.clone())
+    /// Those of `geometry`, over which `accel` is built.
+    pub(super) fn of(geometry: &Geometry, accel: Arc<Accel>) -> Self {
+        let masks = accel.masks().clone();
+        let own = Self::new(geometry.positions.clone(), geometry.triangles.clone(), masks);
+        Self { built: accel.into(), ..own }
+    }
+
+    /// The acceleration structure over them, built when first asked for; clones share it.
+    pub fn accel(&self) -> Arc<Accel> {
+        let build = || Accel::from_triangles(&self.positions, &self.triangles, self.masks.clone()).into();
+        Arc::clone(self.built.get_or_init(build))
     }
 }

@@ -9,12 +9,16 @@ use xxhash_rust::xxh3::Xxh3;
 
 use super::block_file::{BlockFile, BlocksOf, Shard};
 use super::compute::Finished;
+use super::haar_rows::HaarRows;
 use super::memory::Memory;
 use super::needs::{Needs, scene_bytes};
 use super::shot::Shot;
-use super::{Buffer, Occluders, Quality, Report, Settings, Timings, Transfer, gathering_pixels};
+use super::{
+    Buffer, EncodingError, Matrix, Occluders, Operator, Quality, Report, Settings, Timings, Transfer,
+    gathering_pixels,
+};
 use crate::progress::Progress;
-use crate::sample::{Receivers, ViewHits, ViewSamples};
+use crate::sample::{GatherCloud, Receivers, ViewHits, ViewSamples};
 use crate::scene::{Camera, Geometry, Scene};
 use crate::trace::Accel;
 use crate::{Error, Result};
@@ -28,6 +32,7 @@ pub struct Preparation<'a> {
     own_blocks: Option<PathBuf>,
     finished_blocks: Vec<PathBuf>,
     memory_limit: Option<u64>,
+    direct_first: bool,
 }
 
 impl<'a> Preparation<'a> {
@@ -40,6 +45,7 @@ impl<'a> Preparation<'a> {
             own_blocks: None,
             finished_blocks: Vec::new(),
             memory_limit: None,
+            direct_first: false,
         }
     }
 
@@ -100,6 +106,25 @@ impl<'a> Preparation<'a> {
     pub fn memory_limit(mut self, bytes: u64) -> Self {
         self.memory_limit = Some(bytes);
         self
+    }
+
+    /// Puts a step before the steps of [`Self::run_in_steps`]: a transfer of direct light alone ([`Transfer::is_direct_only`]), as soon as it is known
+    /// what the camera sees.
+    #[must_use]
+    pub fn direct_first(mut self) -> Self {
+        self.direct_first = true;
+        self
+    }
+
+    /// Whether `transfer` is what this preparation would make: of the same scene, as it is now, by the same settings.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for settings out of range, and scenes with nothing to relight.
+    pub fn would_make(&self, transfer: &Transfer) -> Result<bool> {
+        let camera = self.settings.check(self.scene)?;
+        let Report { settings, scene_hash: hash, .. } = &transfer.report;
+        let same = !transfer.is_direct_only() && *settings == self.settings;
+        Ok(same && *hash == scene_hash(self.scene, &Geometry::new(self.scene), camera))
     }
 
     /// Does it, on the current rayon thread pool. The result does not depend on the number of threads.
@@ -221,6 +246,9 @@ impl<'a> Preparation<'a> {
         let looked = Looked::new(self.scene, camera, self.settings.size, &stages)?;
         let files = self.files(&looked, None, progress)?;
         stages.rest();
+        if self.direct_first {
+            show(self.direct_alone(&looked, stages.clone()))?;
+        }
         for settings in self.settings.coarser() {
             show(self.transfer(&settings, looked.clone(), Finished::default(), stages.clone())?)?;
         }
@@ -241,7 +269,7 @@ impl<'a> Preparation<'a> {
         memory.check(needs.after_looking)?;
         let beside = memory.with(needs.beside_blocks);
         let shot = Shot { scene: self.scene, geometry: opaque, accel, settings, finished, memory: beside };
-        let Looked { camera, geometry, view, .. } = &looked;
+        let Looked { camera, view, .. } = &looked;
         let (receivers, cloud, map) = shot.samples(camera, view, &hits, &stages)?;
         drop(hits);
         memory.check(needs.after_cloud)?;
@@ -249,26 +277,15 @@ impl<'a> Preparation<'a> {
         let of_centers = [&receivers.of_centers[..], &receivers.of_center_branches[..]];
         let lit = gathering_pixels(view, of_centers).max(1) as f64;
         let known_as = |receivers: &[u32]| renumbered(receivers, numbers.as_deref());
-        let materials = &self.scene.materials;
         let report = Report {
-            settings: settings.clone(),
-            scene: self.name.clone(),
-            materials: materials.iter().map(|material| material.name.clone()).collect(),
-            base_colors: materials.iter().map(|material| material.base_color.truncate().to_array()).collect(),
-            emissive: (0..)
-                .zip(materials)
-                .filter(|(_, material)| material.emission != Vec3::ZERO)
-                .map(|(number, _)| number)
-                .collect(),
-            scene_hash: scene_hash(self.scene, geometry, camera),
-            triangles: geometry.triangles.len() as u64,
             rays_per_pixel: gather.rays as f64 / lit,
             rays_per_gather_sample: bounce.rays as f64 / cloud.surfaces().len() as f64,
             gather_error: gather.operator.expected_error,
             glossy_error: gather.glossy.as_ref().map(|glossy| glossy.expected_error),
             bounce_error: bounce.operator.expected_error,
+            ..self.report(settings, &looked)
         };
-        let occluders = Occluders::new(opaque, accel.masks());
+        let occluders = looked.occluders();
         Ok(Transfer {
             report,
             timings: stages.finish(),
@@ -286,6 +303,51 @@ impl<'a> Preparation<'a> {
     }
 }
 
+impl Preparation<'_> {
+    /// What is to tell of a transfer before there is anything of it.
+    fn report(&self, settings: &Settings, looked: &Looked<'_>) -> Report {
+        let materials = &self.scene.materials;
+        Report {
+            settings: settings.clone(),
+            scene: self.name.clone(),
+            materials: materials.iter().map(|material| material.name.clone()).collect(),
+            base_colors: materials.iter().map(|material| material.base_color.truncate().to_array()).collect(),
+            emissive: (0..)
+                .zip(materials)
+                .filter(|(_, material)| material.emission != Vec3::ZERO)
+                .map(|(number, _)| number)
+                .collect(),
+            scene_hash: scene_hash(self.scene, &looked.geometry, looked.camera),
+            triangles: looked.geometry.triangles.len() as u64,
+            ..Report::default()
+        }
+    }
+
+    /// What can be shown of a scene by looking at it.
+    fn direct_alone(&self, looked: &Looked<'_>, stages: Stages<'_>) -> Transfer {
+        let view = looked.view.clone();
+        let from_none = |samples: usize| Buffer::from(vec![Receivers::NONE; samples]);
+        let none = || {
+            let matrix = Matrix::HaarRows(HaarRows::default());
+            Operator::new(0, matrix, Buffer::default(), EncodingError::default())
+        };
+        Transfer {
+            report: self.report(&self.settings, looked),
+            timings: stages.finish(),
+            cloud: GatherCloud::default(),
+            gather: none(),
+            glossy: None,
+            bounce: none(),
+            receivers_of_centers: from_none(view.centers.len()),
+            receivers_of_quads: from_none(view.quads.len()),
+            receivers_of_center_branches: from_none(view.center_chains.branches.len()),
+            receivers_of_quad_branches: from_none(view.quad_chains.branches.len()),
+            occluders: looked.occluders(),
+            view,
+        }
+    }
+}
+
 /// A scene as rays meet it, and what the camera sees of it: the same for all steps of a preparation.
 #[derive(Clone)]
 struct Looked<'a> {
@@ -293,7 +355,7 @@ struct Looked<'a> {
     geometry: Arc<Geometry>,
     all: Arc<Accel>,
     /// Without clear surfaces, where there are any: what light meets.
-    opaque: Option<Arc<(Accel, Geometry)>>,
+    opaque: Option<(Arc<Accel>, Arc<Geometry>)>,
     view: ViewSamples,
     hits: ViewHits,
 }
@@ -304,17 +366,22 @@ impl<'a> Looked<'a> {
         progress.stage("acceleration structure", 1);
         let all = Accel::new(scene, &geometry);
         let opaque =
-            geometry.without_clear().map(|geometry| Arc::new((Accel::new(scene, &geometry), geometry)));
+            geometry.without_clear().map(|geometry| (Accel::new(scene, &geometry).into(), geometry.into()));
         let (view, hits) = ViewSamples::new(scene, &geometry, &all, camera, size, progress)?;
         Ok(Self { camera, geometry: geometry.into(), all: all.into(), opaque, view, hits })
     }
 
     /// The surfaces that light meets, and how rays meet them.
-    fn opaque(&self) -> (&Geometry, &Accel) {
-        match self.opaque.as_deref() {
+    fn opaque(&self) -> (&Arc<Geometry>, &Arc<Accel>) {
+        match &self.opaque {
             Some((accel, geometry)) => (geometry, accel),
             None => (&self.geometry, &self.all),
         }
+    }
+
+    fn occluders(&self) -> Occluders {
+        let (geometry, accel) = self.opaque();
+        Occluders::of(geometry, Arc::clone(accel))
     }
 }
 

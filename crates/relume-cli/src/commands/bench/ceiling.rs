@@ -54,7 +54,7 @@ fn read_rate() -> f64 {
 fn ray_rate(view: &ViewSamples, accel: &Accel) -> f64 {
     let seen = view.quads.iter().filter(|sample| !sample.is_sky());
     let to_camera = |sample: &relume::sample::ViewSample| {
-        Ray::between(offset_origin(sample.position, sample.geometric_normal.get()), view.camera)
+        Ray::between(offset_origin(sample.position, sample.geometric_normal.get()), view.camera.position())
     };
     let rays: Vec<Ray> = seen.map(to_camera).collect();
     best(rays.len(), || {

@@ -1,0 +1,451 @@
+//! What the window looks like: menus, panels, questions.
+
+use std::path::{Path, PathBuf};
+
+use eframe::egui::{
+    self, Button, CentralPanel, CollapsingHeader, ComboBox, DragValue, Key, MenuBar, Modal, Panel,
+    ScrollArea, Ui, ViewportCommand,
+};
+use relume::LightKind;
+
+use super::{Pending, Viewer};
+use crate::command::Command;
+use crate::dialog::Purpose;
+use crate::document::NewLight;
+use crate::panels::{self, MapWish};
+use crate::picture::{Around, Tool};
+use crate::preferences::Curve;
+use crate::view::{PLAIN, View};
+
+/// Stops by which a picture may be made brighter or darker.
+const EXPOSURES: std::ops::RangeInclusive<f32> = -12.0..=12.0;
+
+impl eframe::App for Viewer {
+    fn logic(&mut self, ctx: &egui::Context, _: &mut eframe::Frame) {
+        self.listen(ctx);
+    }
+
+    fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
+        let ctx = ui.ctx().clone();
+        self.take_dropped(&ctx);
+        self.take_keys(&ctx);
+        Panel::top("menu").show(ui, |ui| self.menu(ui));
+        Panel::bottom("status").show(ui, |ui| {
+            panels::messages(ui, &mut self.messages);
+            self.probe(ui);
+            panels::status(ui, self.shot.as_ref(), self.lit.as_deref(), self.latency);
+        });
+        Panel::right("side").default_size(330.0).min_size(260.0).show(ui, |ui| {
+            ScrollArea::vertical().auto_shrink(false).show(ui, |ui| self.side(ui));
+        });
+        Panel::top("views").show(ui, |ui| self.toolbar(ui));
+        CentralPanel::no_frame().show(ui, |ui| self.show_picture(ui));
+        self.questions(ui);
+        self.title(&ctx);
+        self.order(&ctx);
+        self.keep(&ctx);
+    }
+
+    fn save(&mut self, storage: &mut dyn eframe::Storage) {
+        self.preferences.theme = self.theme;
+        self.preferences.save(storage);
+    }
+
+    fn on_exit(&mut self) {
+        // whoever closed has saved, or has given up what was not
+        if let Some(autosave) = &self.autosave {
+            autosave.forget();
+        }
+    }
+}
+
+impl Viewer {
+    fn take_dropped(&mut self, ctx: &egui::Context) {
+        let dropped: Vec<PathBuf> =
+            ctx.input(|input| input.raw.dropped_files.iter().map(|file| file.path().to_owned()).collect());
+        for path in dropped {
+            self.open(ctx, path);
+        }
+    }
+
+    fn take_keys(&mut self, ctx: &egui::Context) {
+        if self.question.is_open() || self.pending.is_some() {
+            return;
+        }
+        let types = ctx.egui_wants_keyboard_input();
+        for (command, key) in Command::keys() {
+            // letters alone belong to whoever types
+            if (!types || key.modifiers.any()) && ctx.input_mut(|input| input.consume_shortcut(&key)) {
+                self.run(ctx, command);
+            }
+        }
+        if !types && ctx.input_mut(|input| input.consume_key(egui::Modifiers::NONE, Key::F1)) {
+            self.run(ctx, Command::Help);
+        }
+    }
+
+    /// A line of a menu.
+    fn item(&mut self, ui: &mut Ui, command: Command, enabled: bool) {
+        let mut button = Button::new(command.name());
+        if let Some(key) = command.key() {
+            button = button.shortcut_text(ui.ctx().format_shortcut(&key));
+        }
+        if ui.add_enabled(enabled, button).on_hover_text(command.explanation()).clicked() {
+            let ctx = ui.ctx().clone();
+            self.run(&ctx, command);
+            ui.close();
+        }
+    }
+
+    fn menu(&mut self, ui: &mut Ui) {
+        MenuBar::new().ui(ui, |ui| {
+            ui.menu_button("File", |ui| self.file_menu(ui));
+            ui.menu_button("Edit", |ui| {
+                for (command, of) in
+                    [(Command::Undo, self.document.undoes()), (Command::Redo, self.document.redoes())]
+                        .map(|(command, of)| (command, of.map(str::to_owned)))
+                {
+                    let enabled = of.is_some();
+                    let text = of.map_or(command.name().to_owned(), |of| format!("{} {of}", command.name()));
+                    let key = command.key().map(|key| ui.ctx().format_shortcut(&key)).unwrap_or_default();
+                    if ui.add_enabled(enabled, Button::new(text).shortcut_text(key)).clicked() {
+                        let ctx = ui.ctx().clone();
+                        self.run(&ctx, command);
+                        ui.close();
+                    }
+                }
+            });
+            ui.menu_button("Light", |ui| {
+                let selected = self.document.selected.is_some();
+                self.item(ui, Command::Duplicate, selected);
+                self.item(ui, Command::Delete, selected);
+                ui.separator();
+                for tool in [Tool::Aim, Tool::Highlight, Tool::SHADOW] {
+                    self.item(ui, Command::Tool(tool), selected);
+                }
+            });
+            ui.menu_button("View", |ui| {
+                for command in
+                    [Command::Fit, Command::Actual, Command::Wipe, Command::ShowLights, Command::Snapshot]
+                {
+                    self.item(ui, command, true);
+                }
+                ui.separator();
+                for theme in
+                    [egui::ThemePreference::Dark, egui::ThemePreference::Light, egui::ThemePreference::System]
+                {
+                    if ui.selectable_value(&mut self.theme, theme, format!("{theme:?} theme")).clicked() {
+                        ui.ctx().set_theme(theme);
+                        ui.close();
+                    }
+                }
+            });
+            ui.menu_button("Help", |ui| self.item(ui, Command::Help, true));
+        });
+    }
+
+    fn file_menu(&mut self, ui: &mut Ui) {
+        for command in [Command::OpenShot, Command::OpenRig] {
+            self.item(ui, command, true);
+        }
+        let recent = self.preferences.recent.clone();
+        ui.add_enabled_ui(!recent.is_empty(), |ui| {
+            ui.menu_button("Open recent", |ui| {
+                for path in recent {
+                    if ui.button(path.display().to_string()).clicked() {
+                        let ctx = ui.ctx().clone();
+                        self.open(&ctx, path);
+                        ui.close();
+                    }
+                }
+            });
+        });
+        ui.separator();
+        let changed = self.document.is_changed() || self.document.path().is_none();
+        self.item(ui, Command::Save, changed);
+        self.item(ui, Command::SaveAs, true);
+        ui.separator();
+        self.item(ui, Command::ExportImage, self.lit.is_some());
+        ui.separator();
+        self.item(ui, Command::Close, true);
+    }
+
+    fn toolbar(&mut self, ui: &mut Ui) {
+        ui.horizontal_wrapped(|ui| {
+            self.choose_view(ui, 0, "Show");
+            let mut wipes = self.picture.wipe.is_some();
+            if ui.checkbox(&mut wipes, "Wipe").on_hover_text(Command::Wipe.explanation()).changed() {
+                let ctx = ui.ctx().clone();
+                self.run(&ctx, Command::Wipe);
+            }
+            if wipes {
+                self.choose_view(ui, 1, "Beside");
+            }
+            ui.separator();
+            let name = ui.label("Exposure");
+            let exposure =
+                DragValue::new(&mut self.document.rig.exposure).speed(0.02).range(EXPOSURES).suffix(" stops");
+            ui.add(exposure.max_decimals(2))
+                .labelled_by(name.id)
+                .on_hover_text("Of the picture, not of its light");
+            ComboBox::from_id_salt("curve")
+                .selected_text(self.preferences.curve.name())
+                .width(70.0)
+                .show_ui(ui, |ui| {
+                    for (curve, name, what) in Curve::ALL {
+                        ui.selectable_value(&mut self.preferences.curve, curve, name).on_hover_text(what);
+                    }
+                })
+                .response
+                .on_hover_text("Tone curve: how light becomes a picture");
+            ui.separator();
+            for (tool, name) in [(Tool::Aim, "Aim"), (Tool::Highlight, "Highlight"), (Tool::SHADOW, "Shadow")]
+            {
+                let active = std::mem::discriminant(&self.picture.tool) == std::mem::discriminant(&tool);
+                let command = Command::Tool(tool);
+                let button =
+                    ui.add_enabled(self.document.selected.is_some(), Button::selectable(active, name));
+                if button.on_hover_text(command.explanation()).clicked() {
+                    self.picture.tool = if active { Tool::Select } else { tool };
+                }
+            }
+            ui.separator();
+            if ui.button("Snapshot").on_hover_text(Command::Snapshot.explanation()).clicked() {
+                let ctx = ui.ctx().clone();
+                self.run(&ctx, Command::Snapshot);
+            }
+            self.tell_truth(ui);
+        });
+    }
+
+    /// How good the reference is by now, while it is looked at.
+    fn tell_truth(&self, ui: &mut Ui) {
+        let shows = |view: &View| *view == View::Reference;
+        if !shows(&self.views[0]) && !(self.picture.wipe.is_some() && shows(&self.views[1])) {
+            return;
+        }
+        ui.separator();
+        match &self.truth {
+            _ if self.scene.is_none() => {
+                ui.label("a cache has no scene to path trace: open the scene");
+            }
+            None => {
+                ui.spinner();
+                ui.label("path tracing");
+            }
+            Some(truth) => {
+                let old = self.ordered.as_ref().is_some_and(|ordered| ordered.rig != truth.rig);
+                let old = if old { ", of earlier lights" } else { "" };
+                let text = format!(
+                    "reference: {} paths, noise {:.1}%; off by {:.1}%{old}",
+                    truth.paths,
+                    100.0 * truth.noise,
+                    100.0 * truth.error
+                );
+                ui.label(text).on_hover_text("Relative L2 of the relit image against it. Its own noise is in that figure: wait until it is small");
+            }
+        }
+    }
+
+    fn choose_view(&mut self, ui: &mut Ui, side: usize, name: &str) {
+        let mut view = self.views[side].clone();
+        let label = ui.label(name);
+        let lights: Vec<View> =
+            self.document.rig.lights.iter().map(|light| View::Light(light.name.clone())).collect();
+        let stored = self.snapshots.iter().map(|snapshot| View::Snapshot(snapshot.number));
+        let others: Vec<View> = lights.into_iter().chain(stored).collect();
+        ComboBox::from_id_salt(name)
+            .selected_text(view.name())
+            .width(110.0)
+            .height(500.0)
+            .show_ui(ui, |ui| {
+                for choice in PLAIN.into_iter().chain(others) {
+                    let (text, what) = (choice.name(), choice.explanation());
+                    ui.selectable_value(&mut view, choice, text).on_hover_text(what);
+                }
+            })
+            .response
+            .labelled_by(label.id)
+            .on_hover_text(view.explanation());
+        self.views[side] = view;
+    }
+
+    fn side(&mut self, ui: &mut Ui) {
+        if let Some(histogram) = &self.histogram {
+            panels::histogram(ui, histogram);
+        }
+        ui.add_space(4.0);
+        ui.heading("Lights");
+        let stage = self.stage();
+        if let Some(fault) = panels::lights(ui, &mut self.document, stage, &mut self.renaming) {
+            self.messages.warn(fault);
+        }
+        ui.separator();
+        let measure = &mut self.preferences.measure;
+        if let Some(light) = self.document.selected_light() {
+            ui.strong(format!("{} ({})", light.name, NewLight::of(light).name().to_lowercase()));
+            match panels::fields(ui, light, measure) {
+                MapWish::None => {}
+                MapWish::Remove => {
+                    if let LightKind::Dome { map, .. } = &mut light.kind {
+                        *map = None;
+                    }
+                }
+                MapWish::Choose => {
+                    let folder =
+                        self.document.path().and_then(Path::parent).unwrap_or(Path::new("")).to_owned();
+                    self.question.ask(ui.ctx(), self.options.dialogs, Purpose::Map, &folder);
+                }
+            }
+        }
+        let Some(report) = self.report().cloned() else { return };
+        ui.separator();
+        if !self.emissive.is_empty() {
+            let header = CollapsingHeader::new("Emitters").default_open(true);
+            header.show(ui, |ui| panels::emitters(ui, &mut self.document.rig, &report, &self.emissive));
+        }
+        let header = CollapsingHeader::new("Materials");
+        header.show(ui, |ui| panels::materials(ui, &mut self.document.rig, &report, &self.shown_materials));
+        if !self.snapshots.is_empty() {
+            CollapsingHeader::new("Snapshots").default_open(true).show(ui, |ui| self.list_snapshots(ui));
+        }
+    }
+
+    fn list_snapshots(&mut self, ui: &mut Ui) {
+        let mut dropped = None;
+        for snapshot in &self.snapshots {
+            let view = View::Snapshot(snapshot.number);
+            ui.horizontal(|ui| {
+                if ui.button(view.name()).on_hover_text("Show it beside the picture").clicked() {
+                    self.views[1] = view.clone();
+                    self.picture.wipe = self.picture.wipe.or(Some(0.5));
+                }
+                if panels::cross(ui, &format!("Forget {}", view.name())) {
+                    dropped = Some(snapshot.number);
+                }
+            });
+        }
+        if let Some(number) = dropped {
+            self.snapshots.retain(|snapshot| snapshot.number != number);
+            let gone = View::Snapshot(number);
+            self.views.iter_mut().filter(|view| **view == gone).for_each(|view| *view = View::Full);
+        }
+    }
+
+    fn probe(&self, ui: &mut Ui) {
+        let text = self
+            .picture
+            .probe
+            .zip(self.lit.as_deref())
+            .and_then(|(pixel, lit)| panels::probe_text(lit, pixel));
+        // a line that is always there, so that the picture does not jump
+        ui.monospace(text.unwrap_or_else(|| " ".to_owned()));
+    }
+
+    fn show_picture(&mut self, ui: &mut Ui) {
+        let around = Around {
+            lit: self.lit.as_ref(),
+            anchor: self.stage().center,
+            names: [self.views[0].name(), self.views[1].name()],
+            in_stops: self.views[0] == View::Luminance,
+            is_open: self.shot.is_some(),
+        };
+        self.picture.ui(ui, &mut self.document, &around);
+    }
+
+    fn questions(&mut self, ui: &mut Ui) {
+        let ctx = ui.ctx().clone();
+        if let Some((purpose, path)) = self.question.answer(ui) {
+            self.answer(&ctx, purpose, path);
+        }
+        if ctx.input(|input| input.viewport().close_requested()) && !self.may_close {
+            self.document.note();
+            if self.document.is_changed() {
+                ctx.send_viewport_cmd(ViewportCommand::CancelClose);
+                self.pending = Some(Pending::Close);
+            }
+        }
+        if self.pending.is_some() && !self.question.is_open() {
+            self.ask_to_save(ui);
+        }
+        if self.shows_help {
+            let close = Modal::new(egui::Id::unique("help")).show(&ctx, help).should_close();
+            self.shows_help = !close;
+        }
+    }
+
+    /// What shall become of unsaved edits, before something takes their place.
+    fn ask_to_save(&mut self, ui: &mut Ui) {
+        let ctx = ui.ctx().clone();
+        let mut go_on = !self.document.is_changed();
+        if !go_on {
+            Modal::new(egui::Id::unique("unsaved")).show(&ctx, |ui| {
+                ui.heading(format!("Save the changes to {}?", self.document.name()));
+                ui.horizontal(|ui| {
+                    if ui.button("Save").clicked() {
+                        self.run(&ctx, Command::Save);
+                    }
+                    go_on = ui.button("Discard").clicked();
+                    if ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape)) {
+                        self.pending = None;
+                    }
+                });
+            });
+        }
+        if !go_on {
+            return;
+        }
+        match self.pending.take() {
+            Some(Pending::Close) => {
+                self.may_close = true;
+                ctx.send_viewport_cmd(ViewportCommand::Close);
+            }
+            Some(Pending::Rig(path)) => self.open_rig(&path),
+            Some(Pending::Shot(path)) => {
+                let settings =
+                    self.options.source.as_ref().map(|source| source.settings.clone()).unwrap_or_default();
+                self.open_shot(&ctx, crate::shot::Source { settings, ..crate::shot::Source::new(path) });
+            }
+            None => {}
+        }
+    }
+
+    fn title(&mut self, ctx: &egui::Context) {
+        let star = if self.document.is_changed() { "*" } else { "" };
+        let shot = self.shot.as_ref().and_then(|shot| shot.source().path.file_name());
+        let shot = shot.map_or(String::new(), |shot| format!(" - {}", shot.to_string_lossy()));
+        let title = format!("{star}{}{shot} - Relume", self.document.name());
+        if title != self.shown_title {
+            ctx.send_viewport_cmd(ViewportCommand::Title(title.clone()));
+            self.shown_title = title;
+        }
+    }
+}
+
+/// Every key, and what the pointer does.
+fn help(ui: &mut Ui) {
+    ui.set_width(520.0);
+    ui.heading("Keys and pointer");
+    egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
+        for (command, key) in Command::keys() {
+            ui.monospace(ui.ctx().format_shortcut(&key));
+            ui.label(command.name()).on_hover_text(command.explanation());
+            ui.end_row();
+        }
+        for (pointer, what) in [
+            ("wheel, pinch", "Zoom at the pointer"),
+            ("drag", "Move the picture; at a handle, move or turn the selected light"),
+            ("right or middle drag", "Move the picture, with every tool"),
+            ("click on a light", "Select it"),
+            ("Esc", "End a tool; during a drag, take it back"),
+        ] {
+            ui.monospace(pointer);
+            ui.label(what);
+            ui.end_row();
+        }
+    });
+    ui.add_space(6.0);
+    if ui.button("Close").clicked() {
+        ui.close();
+    }
+}

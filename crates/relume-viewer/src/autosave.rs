@@ -1,0 +1,79 @@
+//! Edits that are not saved yet, kept beside the preferences, so that a crash loses none.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use relume::{Error, LightRig, Result, atomic_write};
+use relume_io::{parse_rig, rig_to_toml};
+
+/// The file in which edits of one rig are kept while it is open.
+#[derive(Clone, Debug)]
+pub(crate) struct Autosave {
+    file: PathBuf,
+    /// The rig's own file, or that of the shot for a rig that has none: what maps of domes are named from.
+    of: PathBuf,
+}
+
+impl Autosave {
+    /// In `folder`, for the rig at `of`.
+    pub(crate) fn new(folder: &Path, of: &Path) -> Self {
+        let of = std::path::absolute(of).unwrap_or_else(|_| of.to_owned());
+        let mut hash = DefaultHasher::new();
+        of.hash(&mut hash);
+        let name = of.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Self { file: folder.join(format!("{name}-{:016x}.toml", hash.finish())), of }
+    }
+
+    /// What was kept and never saved, if it can be read.
+    ///
+    /// # Errors
+    /// As [`parse_rig`], for a file that was damaged.
+    pub(crate) fn recovered(&self) -> Result<Option<LightRig>> {
+        match std::fs::read_to_string(&self.file) {
+            Ok(text) => parse_rig(&text, &self.of).map(Some),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(Error::io(&self.file, "read", error)),
+        }
+    }
+
+    /// Keeps `rig`, whole or as it was before.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(crate) fn keep(&self, rig: &LightRig) -> Result<()> {
+        let refused = |error| Error::io(&self.file, "write", error);
+        std::fs::create_dir_all(self.file.parent().unwrap_or(Path::new("."))).map_err(refused)?;
+        let text = format!("# Unsaved edits of {}\n{}", self.of.display(), rig_to_toml(rig));
+        atomic_write(&self.file, |file| file.write_all(text.as_bytes()).map_err(refused))
+    }
+
+    /// Forgets what was kept: it is saved, or was thrown away.
+    pub(crate) fn forget(&self) {
+        // A file that cannot be removed is offered again: a nuisance, but no loss.
+        let _ = std::fs::remove_file(&self.file);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_kept_is_found_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let state = folder.path().join("state/of/relume");
+        let autosave = Autosave::new(&state, &folder.path().join("night.toml"));
+        assert_eq!(autosave.recovered().unwrap(), None);
+        let rig = LightRig { exposure: 1.25, ..LightRig::default() };
+        autosave.keep(&rig).unwrap();
+        assert_eq!(autosave.recovered().unwrap(), Some(rig));
+        let other = Autosave::new(&state, &folder.path().join("day/night.toml"));
+        assert_eq!(other.recovered().unwrap(), None, "rigs of one name are told apart");
+        autosave.forget();
+        assert_eq!(autosave.recovered().unwrap(), None);
+        autosave.forget();
+        std::fs::write(&autosave.file, "exposure = \n").unwrap();
+        assert!(autosave.recovered().is_err());
+    }
+}

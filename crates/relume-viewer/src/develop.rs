@@ -1,0 +1,276 @@
+//! The worker that makes of light what a display is sent: exposure, tone curve, false colours, histogram.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Instant;
+
+use eframe::egui::{Color32, ColorImage};
+use rayon::prelude::*;
+use relume::glam::Vec3;
+use relume::image::display::{encode, srgb_from_linear};
+use relume::image::{Image, Tonemap};
+
+use crate::mailbox::Mailbox;
+use crate::view::{Scale, Source};
+
+/// Rec. 709.
+const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+/// What is neither bright nor dark.
+const MIDDLE_GREY: f32 = 0.18;
+/// Pixels that one task develops.
+const CHUNK: usize = 4096;
+
+/// What to develop: what fills the picture, and what a wipe shows beside it.
+#[derive(Clone)]
+pub(crate) struct Negative {
+    pub(crate) number: u64,
+    pub(crate) left: Source,
+    pub(crate) right: Option<Source>,
+    /// Stops.
+    pub(crate) exposure: f32,
+    pub(crate) curve: Tonemap,
+    /// When the edit was made that it is the first picture of.
+    pub(crate) asked: Option<Instant>,
+}
+
+/// What came of it.
+pub(crate) struct Print {
+    /// That of the negative.
+    pub(crate) number: u64,
+    pub(crate) left: Arc<ColorImage>,
+    pub(crate) right: Option<Arc<ColorImage>>,
+    /// Of the left one.
+    pub(crate) histogram: Histogram,
+    pub(crate) asked: Option<Instant>,
+}
+
+/// The worker, for as long as this lives.
+pub(crate) struct Developer {
+    negatives: Arc<Mailbox<Negative>>,
+    prints: Receiver<Print>,
+}
+
+impl Developer {
+    /// Starts it; `wake` is called whenever there is something to [`Self::next`].
+    pub(crate) fn start(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        let negatives = Arc::new(Mailbox::<Negative>::default());
+        let (sender, prints) = channel();
+        let waiting = Arc::clone(&negatives);
+        std::thread::Builder::new().name("developing".to_owned()).spawn(move || {
+            while let Some(negative) = waiting.take() {
+                if sender.send(negative.develop()).is_err() {
+                    break;
+                }
+                wake();
+            }
+        })?;
+        Ok(Self { negatives, prints })
+    }
+
+    /// Has something developed; what is still waiting is forgotten.
+    pub(crate) fn order(&self, negative: Negative) {
+        self.negatives.put(negative);
+    }
+
+    /// The newest print since the last call.
+    pub(crate) fn next(&self) -> Option<Print> {
+        self.prints.try_iter().last()
+    }
+}
+
+impl Drop for Developer {
+    fn drop(&mut self) {
+        self.negatives.close();
+    }
+}
+
+impl Negative {
+    fn develop(&self) -> Print {
+        let image = self.left.light.image();
+        Print {
+            number: self.number,
+            asked: self.asked,
+            left: self.colors(&image, self.left.scale).into(),
+            right: self.right.as_ref().map(|right| self.colors(&right.light.image(), right.scale).into()),
+            histogram: Histogram::new(
+                &image,
+                if self.left.scale == Scale::Exposed { self.exposure } else { 0.0 },
+            ),
+        }
+    }
+
+    fn colors(&self, image: &Image, scale: Scale) -> ColorImage {
+        let farthest = match scale {
+            Scale::Distance => {
+                image.pixels.iter().map(|depth| depth.x).filter(|depth| depth.is_finite()).fold(0.0, f32::max)
+            }
+            _ => 0.0,
+        };
+        let color = |pixel: Vec3| -> Vec3 {
+            match scale {
+                Scale::Exposed => encode(pixel, self.exposure, self.curve),
+                Scale::Stops => color_of_stops(stops(pixel, self.exposure)),
+                Scale::Plain => pixel.clamp(Vec3::ZERO, Vec3::ONE).map(srgb_from_linear),
+                Scale::Signed if pixel == Vec3::ZERO => Vec3::ZERO,
+                Scale::Signed => 0.5 * (pixel + 1.0),
+                Scale::Distance => Vec3::splat(nearness(pixel.x, farthest)),
+            }
+        };
+        let byte = |value: f32| (value * 255.0 + 0.5) as u8;
+        let mut pixels = vec![Color32::BLACK; image.pixels.len()];
+        pixels.par_chunks_mut(CHUNK).zip(image.pixels.par_chunks(CHUNK)).for_each(|(colors, pixels)| {
+            for (to, &pixel) in colors.iter_mut().zip(pixels) {
+                let [r, g, b] = color(pixel).to_array().map(byte);
+                *to = Color32::from_rgb(r, g, b);
+            }
+        });
+        ColorImage::new([image.width, image.height], pixels)
+    }
+}
+
+/// Stops above middle grey; far below where there is no light at all.
+pub(crate) fn stops(pixel: Vec3, exposure: f32) -> f32 {
+    (pixel.dot(LUMINANCE).max(1e-12) / MIDDLE_GREY).log2() + exposure
+}
+
+/// 1 before the camera, a tenth at the farthest that is seen, 0 where nothing is.
+fn nearness(depth: f32, farthest: f32) -> f32 {
+    if depth.is_finite() { 1.0 - 0.9 * depth / farthest.max(f32::MIN_POSITIVE) } else { 0.0 }
+}
+
+/// The ends of the scale of false colours, stops from middle grey.
+pub(crate) const STOPS: std::ops::RangeInclusive<i32> = -6..=6;
+
+/// The colour of so many stops from middle grey, sRGB encoded: violet and blue below, grey in the middle, yellow and red above; a step each half stop, so that
+/// steps can be counted.
+pub(crate) fn color_of_stops(stops: f32) -> Vec3 {
+    const COLORS: [Vec3; 7] = [
+        Vec3::new(0.10, 0.02, 0.20),
+        Vec3::new(0.20, 0.10, 0.65),
+        Vec3::new(0.05, 0.55, 0.75),
+        Vec3::new(0.50, 0.50, 0.50),
+        Vec3::new(0.45, 0.75, 0.15),
+        Vec3::new(1.00, 0.80, 0.10),
+        Vec3::new(0.95, 0.15, 0.10),
+    ];
+    if stops > *STOPS.end() as f32 {
+        return Vec3::ONE;
+    }
+    let place = ((2.0 * stops).round() / 2.0 - *STOPS.start() as f32) / 2.0;
+    let place = place.clamp(0.0, (COLORS.len() - 1) as f32);
+    let below = (place as usize).min(COLORS.len() - 2);
+    COLORS[below].lerp(COLORS[below + 1], place - below as f32)
+}
+
+/// How many pixels are how bright: of each channel and of luminance.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Histogram {
+    /// Shares of all pixels, by channel (red, green, blue), from dark to bright, a bin a quarter stop.
+    pub(crate) channels: [Vec<f32>; 3],
+    /// Share of pixels above 1, which is where a display ends without a curve.
+    pub(crate) clipped: f32,
+}
+
+impl Histogram {
+    /// Stops from 1 at which the first bin begins and the last one ends.
+    pub(crate) const RANGE: (f32, f32) = (-12.0, 4.0);
+    const BINS: usize = 64;
+
+    fn new(image: &Image, exposure: f32) -> Self {
+        let (low, high) = Self::RANGE;
+        let scale = exposure.exp2();
+        let mut counts = [[0_u32; Self::BINS]; 3];
+        let mut clipped = 0_u32;
+        for pixel in &image.pixels {
+            let exposed = *pixel * scale;
+            clipped += u32::from(exposed.max_element() > 1.0);
+            for (counts, value) in counts.iter_mut().zip(exposed.to_array()) {
+                let place = (value.max(1e-9).log2() - low) / (high - low) * Self::BINS as f32;
+                counts[(place.max(0.0) as usize).min(Self::BINS - 1)] += 1;
+            }
+        }
+        let all = image.pixels.len().max(1) as f32;
+        let shares = |counts: [u32; Self::BINS]| counts.iter().map(|&count| count as f32 / all).collect();
+        Self { channels: counts.map(shares), clipped: clipped as f32 / all }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::LightOf;
+
+    fn image(values: &[f32]) -> Image {
+        Image {
+            width: values.len(),
+            height: 1,
+            pixels: values.iter().map(|&value| Vec3::splat(value)).collect(),
+        }
+    }
+
+    fn print(values: &[f32], scale: Scale, exposure: f32) -> Vec<Color32> {
+        let source = Source { light: LightOf::Image(Arc::new(image(values))), scale };
+        let negative =
+            Negative { number: 0, left: source, right: None, exposure, curve: Tonemap::Srgb, asked: None };
+        negative.develop().left.pixels.clone()
+    }
+
+    #[test]
+    fn exposure_is_in_stops() {
+        assert_eq!(print(&[0.1, 0.4], Scale::Exposed, 1.0), print(&[0.2, 0.8], Scale::Exposed, 0.0));
+        assert_eq!(print(&[0.18], Scale::Exposed, 0.0), [Color32::from_gray(118)]);
+        // what is no light keeps its values
+        assert_eq!(print(&[0.3], Scale::Plain, 3.0), print(&[0.3], Scale::Plain, 0.0));
+    }
+
+    #[test]
+    fn false_colours_tell_stops_apart() {
+        let colors = print(&[0.18, 0.18 * 1.05, 0.36, 0.09, 0.18 * 200.0, 0.0], Scale::Stops, 0.0);
+        assert_eq!(colors[0], Color32::from_gray(128));
+        assert_eq!(colors[1], colors[0], "a tenth of a stop is no step");
+        assert!(colors[2] != colors[0] && colors[3] != colors[0] && colors[2] != colors[3]);
+        assert_eq!(colors[4], Color32::WHITE, "beyond the scale");
+        assert_eq!(print(&[0.09], Scale::Stops, 1.0), print(&[0.18], Scale::Stops, 0.0));
+    }
+
+    #[test]
+    fn near_is_bright() {
+        let colors = print(&[1.0, 5.0, 10.0, f32::INFINITY], Scale::Distance, 0.0);
+        assert!(colors.is_sorted_by(|a, b| a.r() > b.r()));
+        assert_eq!(colors[3], Color32::BLACK);
+    }
+
+    #[test]
+    fn histograms_count_all_pixels_once() {
+        let histogram = Histogram::new(&image(&[0.0, 0.5, 0.5, 2.0]), 0.0);
+        for channel in &histogram.channels {
+            assert!((channel.iter().sum::<f32>() - 1.0).abs() < 1e-6);
+            assert_eq!(channel[0], 0.25);
+            assert!(channel.contains(&0.5));
+        }
+        assert_eq!(histogram.clipped, 0.25);
+        assert_eq!(Histogram::new(&image(&[0.6]), 1.0).clipped, 1.0);
+    }
+
+    #[test]
+    fn the_newest_negative_is_printed() {
+        let developer = Developer::start(|| {}).unwrap();
+        for exposure in 0..20 {
+            let left = Source { light: LightOf::Image(Arc::new(image(&[0.01]))), scale: Scale::Exposed };
+            developer.order(Negative {
+                number: 0,
+                left,
+                right: None,
+                exposure: exposure as f32 / 4.0,
+                curve: Tonemap::Srgb,
+                asked: None,
+            });
+        }
+        let wanted = print(&[0.01], Scale::Exposed, 19.0 / 4.0);
+        let end = Instant::now() + std::time::Duration::from_secs(20);
+        while developer.next().is_none_or(|print| print.left.pixels != wanted) {
+            assert!(Instant::now() < end, "the last negative is not printed");
+            std::thread::yield_now();
+        }
+    }
+}

@@ -1,0 +1,402 @@
+//! The rig that is edited: its file, what is selected, what can be undone.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use relume::glam::Vec3;
+use relume::{Light, LightKind, LightRig, Result};
+use relume_io::{load_rig, save_rig};
+
+use crate::history::History;
+
+/// The rig at work. Its fields may be edited at will: [`Self::note`] finds out what has changed.
+#[derive(Debug)]
+pub(crate) struct Document {
+    pub(crate) rig: LightRig,
+    /// The light whose fields are shown, by its place in the list.
+    pub(crate) selected: Option<usize>,
+    /// The light that shines alone, by name: no part of the rig.
+    pub(crate) solo: Option<String>,
+    path: Option<PathBuf>,
+    saved: LightRig,
+    history: History,
+}
+
+/// Kinds of lights to add.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum NewLight {
+    Omni,
+    Spot,
+    Distant,
+    Dome,
+}
+
+impl NewLight {
+    pub(crate) const ALL: [Self; 4] = [Self::Omni, Self::Spot, Self::Distant, Self::Dome];
+
+    /// The kind of a light.
+    pub(crate) fn of(light: &Light) -> Self {
+        match light.kind {
+            LightKind::Omni { .. } => Self::Omni,
+            LightKind::Spot { .. } => Self::Spot,
+            LightKind::Distant { .. } => Self::Distant,
+            LightKind::Dome { .. } => Self::Dome,
+        }
+    }
+
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Omni => "Omni",
+            Self::Spot => "Spot",
+            Self::Distant => "Distant",
+            Self::Dome => "Dome",
+        }
+    }
+
+    pub(crate) fn explanation(self) -> &'static str {
+        match self {
+            Self::Omni => "A lamp that shines the same in every direction",
+            Self::Spot => "A lamp that shines within a cone",
+            Self::Distant => "Light from one direction, as from the sun",
+            Self::Dome => "Light from all around: the sky, or a map of one",
+        }
+    }
+}
+
+/// Where new lights go, and how strong they are, so that they are seen at once.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stage {
+    /// Where the camera stands, metres.
+    pub(crate) eye: Vec3,
+    /// What it looks at, metres.
+    pub(crate) center: Vec3,
+}
+
+impl Document {
+    pub(crate) fn new(rig: LightRig, path: Option<PathBuf>) -> Self {
+        let selected = (!rig.lights.is_empty()).then_some(0);
+        Self { saved: rig.clone(), history: History::new(rig.clone()), rig, selected, solo: None, path }
+    }
+
+    /// Reads a rig.
+    ///
+    /// # Errors
+    /// As [`load_rig`].
+    pub(crate) fn open(path: &Path) -> Result<Self> {
+        Ok(Self::new(load_rig(path)?, Some(path.to_owned())))
+    }
+
+    /// Where it is saved.
+    pub(crate) fn path(&self) -> Option<&Path> {
+        self.path.as_deref()
+    }
+
+    /// Its name, for the title of the window.
+    pub(crate) fn name(&self) -> String {
+        let name = self.path.as_ref().and_then(|path| path.file_name());
+        name.map_or("untitled rig".to_owned(), |name| name.to_string_lossy().into_owned())
+    }
+
+    /// Whether there is anything that its file has not.
+    pub(crate) fn is_changed(&self) -> bool {
+        self.rig != self.saved
+    }
+
+    /// Takes up a rig that was kept from an earlier time as one more edit.
+    pub(crate) fn recover(&mut self, rig: LightRig) {
+        self.rig = rig;
+        self.note();
+        self.keep_selection();
+    }
+
+    /// Saves the rig, to another file where one is given, which is then its own.
+    ///
+    /// # Errors
+    /// As [`save_rig`]; all stays as it was.
+    pub(crate) fn save(&mut self, path: &Path) -> Result<()> {
+        let moved = maps_from(&self.rig, self.path.as_deref(), path);
+        save_rig(&moved, path)?;
+        if moved != self.rig {
+            self.rig = moved;
+            self.note();
+        }
+        self.path = Some(path.to_owned());
+        self.saved = self.rig.clone();
+        Ok(())
+    }
+
+    /// Keeps what has changed since the last call as one step to undo.
+    pub(crate) fn note(&mut self) -> bool {
+        self.history.note(&self.rig)
+    }
+
+    pub(crate) fn undoes(&self) -> Option<&str> {
+        self.history.undoes()
+    }
+
+    pub(crate) fn redoes(&self) -> Option<&str> {
+        self.history.redoes()
+    }
+
+    /// Goes back a step; what has not been noted yet is one.
+    pub(crate) fn undo(&mut self) {
+        self.note();
+        if let Some(rig) = self.history.undo() {
+            self.rig = rig;
+            self.keep_selection();
+        }
+    }
+
+    pub(crate) fn redo(&mut self) {
+        if self.note() {
+            return;
+        }
+        if let Some(rig) = self.history.redo() {
+            self.rig = rig;
+            self.keep_selection();
+        }
+    }
+
+    fn keep_selection(&mut self) {
+        let last = self.rig.lights.len().checked_sub(1);
+        self.selected = self.selected.and_then(|selected| Some(selected.min(last?)));
+        let named = |name: &String| self.rig.lights.iter().any(|light| light.name == *name);
+        self.solo = self.solo.take().filter(named);
+    }
+
+    pub(crate) fn selected_light(&mut self) -> Option<&mut Light> {
+        self.rig.lights.get_mut(self.selected?)
+    }
+
+    /// A name that no light has yet: `base`, or with a number behind it.
+    fn free_name(&self, base: &str) -> String {
+        let stem = base.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end();
+        let stem = if stem.is_empty() { "light" } else { stem };
+        let taken = |name: &str| self.rig.lights.iter().any(|light| light.name == name);
+        let numbered = (2..).map(|number| format!("{stem} {number}"));
+        std::iter::once(base.to_owned()).chain(numbered).find(|name| !taken(name)).unwrap_or_default()
+    }
+
+    /// Adds a light that shows, and selects it.
+    pub(crate) fn add(&mut self, kind: NewLight, stage: Stage) {
+        let Stage { eye, center } = stage;
+        let (distance, up) = ((center - eye).length(), Vec3::Y);
+        let beside = (center - eye).cross(up).normalize_or(Vec3::X) * 0.12 * distance;
+        // half the way to what is looked at, above it and to its right: in sight of most cameras
+        let position = eye + 0.5 * (center - eye) + beside + 0.12 * distance * up;
+        // a wall of albedo 0.5 at its target comes out somewhat above middle grey
+        let intensity = Vec3::splat(1.5 * position.distance_squared(center));
+        let kind_of = match kind {
+            NewLight::Omni => LightKind::Omni { position, intensity, radius: 0.0 },
+            NewLight::Spot => LightKind::Spot {
+                position,
+                target: center,
+                intensity,
+                inner_angle: 18.0,
+                outer_angle: 26.0,
+                radius: 0.0,
+            },
+            NewLight::Distant => LightKind::Distant {
+                direction: Vec3::new(-0.4, -1.0, -0.3),
+                irradiance: Vec3::splat(2.0),
+                angle: 0.53,
+            },
+            NewLight::Dome => LightKind::Dome { map: None, intensity: Vec3::splat(0.5), rotation: 0.0 },
+        };
+        let name = self.free_name(&kind.name().to_lowercase());
+        self.rig.lights.push(Light { name, enabled: true, kind: kind_of });
+        self.selected = Some(self.rig.lights.len() - 1);
+    }
+
+    /// Adds a copy of the selected light behind it, and selects that.
+    pub(crate) fn duplicate(&mut self) {
+        let Some(index) = self.selected else { return };
+        let Some(light) = self.rig.lights.get(index) else { return };
+        let copy = Light { name: self.free_name(&light.name), ..light.clone() };
+        self.rig.lights.insert(index + 1, copy);
+        self.selected = Some(index + 1);
+    }
+
+    /// Deletes the selected light, and selects the next one.
+    pub(crate) fn delete(&mut self) {
+        let Some(index) = self.selected.filter(|&index| index < self.rig.lights.len()) else { return };
+        self.rig.lights.remove(index);
+        self.keep_selection();
+    }
+
+    /// Moves a light to another place in the list, and the selection with it.
+    pub(crate) fn reorder(&mut self, from: usize, to: usize) {
+        let count = self.rig.lights.len();
+        if from < count && to < count && from != to {
+            let light = self.rig.lights.remove(from);
+            self.rig.lights.insert(to, light);
+            self.selected = Some(to);
+        }
+    }
+
+    /// Gives the light at `index` another name.
+    ///
+    /// # Errors
+    /// Why not, where it is empty or another's.
+    pub(crate) fn rename(&mut self, index: usize, name: &str) -> std::result::Result<(), String> {
+        let name = name.trim();
+        if name.is_empty() {
+            return Err("a light needs a name".to_owned());
+        }
+        if self.rig.lights.iter().enumerate().any(|(other, light)| other != index && light.name == name) {
+            return Err(format!("another light is called {name}"));
+        }
+        if let Some(light) = self.rig.lights.get_mut(index) {
+            if self.solo.as_deref() == Some(&light.name) {
+                self.solo = Some(name.to_owned());
+            }
+            name.clone_into(&mut light.name);
+        }
+        Ok(())
+    }
+
+    /// The rig as it is to be shown: where a light shines alone, without the others and without what emits.
+    pub(crate) fn shown(&self, emissive: impl Iterator<Item = String>) -> LightRig {
+        let mut rig = self.rig.clone();
+        if let Some(solo) = &self.solo {
+            rig.lights.iter_mut().for_each(|light| light.enabled &= light.name == *solo);
+            let dark = |material| relume::Emitter { material, scale: Vec3::ZERO };
+            rig.emitters = emissive.map(dark).collect();
+        }
+        rig
+    }
+}
+
+/// The rig as it is written to `to`: maps of domes are named from its folder.
+fn maps_from(rig: &LightRig, from: Option<&Path>, to: &Path) -> LightRig {
+    let folder = |path: &Path| {
+        let parent = path.parent().unwrap_or(Path::new(""));
+        std::path::absolute(parent).unwrap_or_else(|_| parent.to_owned())
+    };
+    let (from, to) = (from.map(folder), folder(to));
+    let mut rig = rig.clone();
+    for light in &mut rig.lights {
+        if let LightKind::Dome { map: Some(map), .. } = &mut light.kind {
+            let named = Path::new(map.name());
+            let file = from.as_ref().map_or_else(|| named.to_owned(), |folder| folder.join(named));
+            let name = file.strip_prefix(&to).unwrap_or(&file).to_string_lossy().into_owned();
+            if name != map.name() && file.is_absolute() {
+                *map = Arc::new(map.renamed(name));
+            }
+        }
+    }
+    rig
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STAGE: Stage = Stage { eye: Vec3::new(0.0, 1.6, 5.0), center: Vec3::new(0.0, 1.0, 0.0) };
+
+    fn document() -> Document {
+        let mut document = Document::new(LightRig::default(), None);
+        document.add(NewLight::Omni, STAGE);
+        document.add(NewLight::Spot, STAGE);
+        document.note();
+        document
+    }
+
+    fn names(document: &Document) -> Vec<&str> {
+        document.rig.lights.iter().map(|light| light.name.as_str()).collect()
+    }
+
+    #[test]
+    fn lights_are_added_copied_and_deleted() {
+        let mut document = document();
+        for kind in NewLight::ALL {
+            document.add(kind, STAGE);
+        }
+        assert_eq!(names(&document), ["omni", "spot", "omni 2", "spot 2", "distant", "dome"]);
+        assert_eq!(document.selected, Some(5));
+        document.selected = Some(0);
+        document.duplicate();
+        assert_eq!(names(&document)[..3], ["omni", "omni 3", "spot"]);
+        document.delete();
+        assert_eq!((names(&document)[1], document.selected), ("spot", Some(1)));
+        document.selected = Some(5);
+        document.delete();
+        assert_eq!(document.selected, Some(4), "the last one is gone");
+    }
+
+    #[test]
+    fn every_new_light_can_be_saved() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut document = document();
+        for kind in NewLight::ALL {
+            document.add(kind, STAGE);
+        }
+        let path = folder.path().join("all.toml");
+        assert!(document.is_changed());
+        document.save(&path).unwrap();
+        assert!(!document.is_changed());
+        assert_eq!(Document::open(&path).unwrap().rig, document.rig);
+    }
+
+    #[test]
+    fn names_stay_unique() {
+        let mut document = document();
+        document.solo = Some("omni".to_owned());
+        assert!(document.rename(0, "spot").is_err() && document.rename(0, "  ").is_err());
+        document.rename(0, " key ").unwrap();
+        assert_eq!((names(&document)[0], document.solo.as_deref()), ("key", Some("key")));
+        document.rename(0, "key").unwrap();
+    }
+
+    #[test]
+    fn one_light_shines_alone() {
+        let mut document = document();
+        document.solo = Some("spot".to_owned());
+        let shown = document.shown(["lamp".to_owned()].into_iter());
+        assert_eq!(shown.lights.iter().map(|light| light.enabled).collect::<Vec<_>>(), [false, true]);
+        assert_eq!(shown.emitters[0].scale, Vec3::ZERO);
+        assert!(document.rig.lights.iter().all(|light| light.enabled), "the rig stays as it is");
+        document.selected = Some(1);
+        document.delete();
+        assert_eq!(document.solo, None);
+    }
+
+    #[test]
+    fn edits_are_undone_in_order() {
+        let mut document = document();
+        document.reorder(1, 0);
+        document.note();
+        assert_eq!(document.undoes(), Some("reorder lights"));
+        document.rig.exposure = 1.0; // not noted yet
+        document.undo();
+        assert_eq!((document.rig.exposure, names(&document)[0]), (0.0, "spot"));
+        document.undo();
+        assert_eq!(names(&document), ["omni", "spot"]);
+        document.redo();
+        document.redo();
+        assert_eq!((document.rig.exposure, names(&document)[0]), (1.0, "spot"));
+        while document.undoes().is_some() {
+            document.undo();
+        }
+        assert_eq!((names(&document).len(), document.selected), (0, None));
+    }
+
+    #[test]
+    fn maps_are_named_from_where_the_rig_is_saved() {
+        let folder = tempfile::tempdir().unwrap();
+        let (old, new) = (folder.path().join("old"), folder.path().join("new"));
+        std::fs::create_dir_all(&old).unwrap();
+        std::fs::create_dir_all(&new).unwrap();
+        let sky = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/rigs/arcade_sky.hdr");
+        std::fs::copy(sky, old.join("sky.hdr")).unwrap();
+        let text = "[[light]]\nname = \"sky\"\ntype = \"dome\"\nmap = \"sky.hdr\"\n";
+        std::fs::write(old.join("rig.toml"), text).unwrap();
+        let mut document = Document::open(&old.join("rig.toml")).unwrap();
+        document.save(&old.join("copy.toml")).unwrap();
+        assert!(std::fs::read_to_string(old.join("copy.toml")).unwrap().contains("\"sky.hdr\""));
+        document.save(&new.join("moved.toml")).unwrap();
+        assert!(Document::open(&new.join("moved.toml")).is_ok(), "the map is found from there");
+        document.save(&old.join("back.toml")).unwrap();
+        assert!(std::fs::read_to_string(old.join("back.toml")).unwrap().contains("\"sky.hdr\""));
+    }
+}

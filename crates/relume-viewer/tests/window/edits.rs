@@ -1,0 +1,207 @@
+//! Editing lights: by the list, by fields, in the picture.
+
+use eframe::egui::{Key, Modifiers, vec2};
+use egui_kittest::kittest::Queryable;
+use relume::glam::Vec3;
+use relume::{LightKind, Relighter, Transfer};
+
+use crate::support::{Window, folder};
+
+#[test]
+fn lights_are_added_edited_and_undone() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    let before = window.rig().clone();
+    window.choose("Add", "Omni");
+    assert_eq!(window.rig().lights.len(), before.lights.len() + 1);
+    window.settle();
+    let radius = window.harness.get_by_label("Radius");
+    radius.set_value_accesskit(0.25);
+    window.harness.run_steps(3);
+    assert!(matches!(window.light("omni").kind, LightKind::Omni { radius, .. } if radius == 0.25));
+    window.settle();
+    window.key(Modifiers::COMMAND, Key::Z);
+    assert!(matches!(window.light("omni").kind, LightKind::Omni { radius, .. } if radius == 0.0));
+    window.key(Modifiers::COMMAND, Key::Z);
+    assert_eq!(*window.rig(), before);
+    window.key(Modifiers::COMMAND | Modifiers::SHIFT, Key::Z);
+    assert_eq!(window.rig().lights.len(), before.lights.len() + 1);
+    // the menu says what it would undo
+    window.click("Edit");
+    assert!(window.is_said("Undo add omni"));
+}
+
+#[test]
+fn lights_are_copied_deleted_and_turned_off() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    let count = window.rig().lights.len();
+    let name = window.rig().lights[0].name.clone();
+    window.click(&name);
+    window.key(Modifiers::COMMAND, Key::D);
+    assert_eq!(window.rig().lights.len(), count + 1);
+    assert_eq!(window.rig().lights[0].kind, window.rig().lights[1].kind);
+    window.key(Modifiers::NONE, Key::Delete);
+    assert_eq!(window.rig().lights.len(), count);
+    let lit = window.layers().full();
+    window.click(&format!("Enable {name}"));
+    assert!(!window.light(&name).enabled);
+    window.settle();
+    assert_ne!(window.layers().full(), lit);
+}
+
+#[test]
+fn one_light_is_shown_alone_and_the_rig_stays() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    let (rig, all) = (window.rig().clone(), window.layers().full());
+    let name = rig.lights[0].name.clone();
+    window.click(&format!("Solo {name}"));
+    window.settle();
+    let alone = window.layers();
+    assert_eq!(*window.rig(), rig);
+    assert_ne!(alone.full(), all);
+    let mut only = rig.clone();
+    only.lights.retain(|light| light.name == name);
+    let transfer = Transfer::load(folder.path().join("arcade.relume")).unwrap();
+    let expected = Relighter::new(transfer).relight(&only, &Default::default()).unwrap();
+    assert_eq!(alone.indirect, expected.indirect);
+    window.click(&format!("Solo {name}"));
+    window.settle();
+    assert_eq!(window.layers().full(), all);
+}
+
+#[test]
+fn the_newest_of_many_edits_is_what_is_seen() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    window.choose("Add", "Omni");
+    for step in 1..=30 {
+        let radius = window.harness.get_by_label("Radius");
+        radius.set_value_accesskit(f64::from(step) / 100.0);
+        window.harness.step();
+    }
+    window.settle();
+    assert!(matches!(window.light("omni").kind, LightKind::Omni { radius, .. } if radius == 0.3));
+    let transfer = Transfer::load(folder.path().join("arcade.relume")).unwrap();
+    let expected = Relighter::new(transfer).relight(window.rig(), &Default::default()).unwrap();
+    assert_eq!(window.layers().full(), expected.full(), "the picture is not that of the last edit");
+}
+
+#[test]
+fn a_light_is_dragged_in_the_picture_as_one_step() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    window.choose("Add", "Omni");
+    window.settle();
+    let start = window.light("omni").position().unwrap();
+    let transfer = Transfer::load(folder.path().join("arcade.relume")).unwrap();
+    let view = &transfer.view;
+    let (corner, zoom) = window.picture();
+    let (at, _) = view.camera.project(start, view.width, view.height).unwrap();
+    let from = corner + vec2(at.x, at.y) * zoom;
+    window.drag(from, from + vec2(-60.0, 25.0));
+    let moved = window.light("omni").position().unwrap();
+    let (to, _) = view.camera.project(moved, view.width, view.height).unwrap();
+    assert!((to - at - relume::glam::Vec2::new(-60.0, 25.0) / zoom).length() < 0.5, "{at} to {to}");
+    window.settle();
+    window.key(Modifiers::COMMAND, Key::Z);
+    assert_eq!(window.light("omni").position(), Some(start), "a drag is one step");
+}
+
+#[test]
+fn a_drag_that_is_taken_back_changes_nothing() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    window.choose("Add", "Omni");
+    window.settle();
+    let (start, transfer) = (
+        window.light("omni").position().unwrap(),
+        Transfer::load(folder.path().join("arcade.relume")).unwrap(),
+    );
+    let (corner, zoom) = window.picture();
+    let (at, _) = transfer.view.camera.project(start, transfer.view.width, transfer.view.height).unwrap();
+    let from = corner + vec2(at.x, at.y) * zoom;
+    window.harness.hover_at(from);
+    window.harness.run_steps(2);
+    window.harness.drag_at(from);
+    window.harness.step();
+    for step in 1..6 {
+        window.harness.hover_at(from + vec2(10.0 * step as f32, 0.0));
+        window.harness.step();
+    }
+    assert_ne!(window.light("omni").position(), Some(start));
+    window.key(Modifiers::NONE, Key::Escape);
+    window.harness.drop_at(from + vec2(50.0, 0.0));
+    window.harness.run_steps(3);
+    assert_eq!(window.light("omni").position(), Some(start));
+}
+
+#[test]
+fn lights_are_placed_by_what_they_do() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    window.choose("Add", "Spot");
+    window.settle();
+    let transfer = Transfer::load(folder.path().join("arcade.relume")).unwrap();
+    let view = &transfer.view;
+    let (corner, zoom) = window.picture();
+    // a place on the floor
+    let (column, row) = (48, 60);
+    let seen = view.centers[row * view.width + column];
+    let at = corner + vec2(column as f32 + 0.5, row as f32 + 0.5) * zoom;
+    let click = |window: &mut Window, at| {
+        window.harness.hover_at(at);
+        window.harness.step();
+        window.harness.drag_at(at);
+        window.harness.step();
+        window.harness.drop_at(at);
+        window.harness.run_steps(3);
+    };
+    window.key(Modifiers::NONE, Key::A);
+    click(&mut window, at);
+    assert!(matches!(window.light("spot").kind, LightKind::Spot { target, .. } if target == seen.position));
+    window.key(Modifiers::NONE, Key::Escape);
+    window.key(Modifiers::NONE, Key::H);
+    click(&mut window, at);
+    let (light, eye) = (window.light("spot").position().unwrap(), view.camera.position());
+    let half = ((light - seen.position).normalize() + (eye - seen.position).normalize()).normalize();
+    assert!(half.distance(seen.shading_normal.get()) < 1e-3, "{half}");
+    window.key(Modifiers::NONE, Key::J);
+    let edge = view.centers[30 * view.width + 20];
+    click(&mut window, corner + vec2(20.5, 30.5) * zoom);
+    click(&mut window, at);
+    let light = window.light("spot").position().unwrap();
+    let way = (edge.position - seen.position).normalize();
+    assert!(
+        (light - edge.position).normalize().distance(way) < 1e-3,
+        "the edge is not between light and shadow"
+    );
+    assert!(light.is_finite() && light != Vec3::ZERO);
+}
+
+#[test]
+fn lights_are_renamed_and_no_name_is_had_twice() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    let (first, second) = (window.rig().lights[0].name.clone(), window.rig().lights[1].name.clone());
+    let rename = |window: &mut Window, from: &str, to: &str| {
+        let label = window.harness.get_by_label(from);
+        let at = label.rect().center();
+        for _ in 0..2 {
+            window.harness.hover_at(at);
+            window.harness.drag_at(at);
+            window.harness.drop_at(at);
+        }
+        window.harness.run_steps(3);
+        let line = window.harness.get_by_role(eframe::egui::accesskit::Role::TextInput);
+        line.set_text_value_accesskit(to);
+        window.harness.run_steps(2);
+        window.key(Modifiers::NONE, Key::Enter);
+    };
+    rename(&mut window, &first, "moon");
+    assert_eq!(window.rig().lights[0].name, "moon");
+    rename(&mut window, "moon", &second);
+    assert_eq!(window.rig().lights[0].name, "moon");
+    assert!(window.is_said(&format!("another light is called {second}")));
+}

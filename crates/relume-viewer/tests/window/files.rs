@@ -1,0 +1,169 @@
+//! Files: rigs saved and read again, unsaved edits after a crash, what cannot be read.
+
+use std::time::{Duration, Instant};
+
+use eframe::egui::{Key, Modifiers};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use relume_io::{load_rig, read_exr};
+use relume_viewer::{Dialogs, Options, Viewer};
+
+use crate::support::{Window, folder, fresh_folder};
+
+#[test]
+fn a_rig_is_saved_and_read_again() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    window.choose("Add", "Distant");
+    window.settle();
+    window.choose("File", "Save rig as");
+    let path = folder.path().join("evening.toml");
+    window.answer(&path);
+    assert_eq!(load_rig(&path).unwrap(), *window.rig());
+    assert!(window.is_said("Saved"));
+    let rig = window.rig().clone();
+    window.key(Modifiers::NONE, Key::Delete);
+    window.settle();
+    window.key(Modifiers::COMMAND, Key::S);
+    assert_eq!(load_rig(&path).unwrap().lights.len(), rig.lights.len() - 1, "saved to the same file");
+    let again = Window::open_with(folder.path(), Some("evening.toml"));
+    assert_eq!(again.rig().lights.len(), rig.lights.len() - 1);
+}
+
+#[test]
+fn the_second_opening_takes_what_the_first_has_prepared() {
+    let folder = fresh_folder();
+    let window = Window::open(folder.path());
+    let picture = window.layers();
+    drop(window);
+    let cache = folder.path().join("arcade.relume");
+    let written = cache.metadata().unwrap().modified().unwrap();
+    let window = Window::open(folder.path());
+    assert_eq!(cache.metadata().unwrap().modified().unwrap(), written, "it was prepared again");
+    assert_eq!(window.layers().full(), picture.full());
+    assert!(!folder.path().join("arcade.relume-blocks").exists());
+}
+
+#[test]
+fn a_changed_scene_is_prepared_again() {
+    let folder = fresh_folder();
+    drop(Window::open(folder.path()));
+    let cache = folder.path().join("arcade.relume");
+    let before = std::fs::read(&cache).unwrap();
+    let parlour = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/parlour.glb");
+    std::fs::copy(parlour, folder.path().join("arcade.glb")).unwrap();
+    let window = Window::open_with(folder.path(), None);
+    assert_ne!(std::fs::read(&cache).unwrap(), before);
+    drop(window);
+    // what is no cache is replaced as well
+    std::fs::write(&cache, "no cache").unwrap();
+    drop(Window::open_with(folder.path(), None));
+    assert!(relume::Transfer::load(&cache).is_ok());
+}
+
+#[test]
+fn unsaved_edits_outlive_a_crash() {
+    let folder = folder();
+    let saved = load_rig(folder.path().join("arcade.toml")).unwrap();
+    let mut window = Window::open(folder.path());
+    window.choose("Add", "Omni");
+    window.settle();
+    let edited = window.rig().clone();
+    let kept = folder.path().join("state/unsaved");
+    let end = Instant::now() + Duration::from_secs(60);
+    while std::fs::read_dir(&kept).map_or(0, Iterator::count) == 0 {
+        window.harness.step();
+        assert!(Instant::now() < end, "nothing was kept");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    drop(window); // nobody has asked, nothing was saved
+    let mut window = Window::open(folder.path());
+    assert_eq!(*window.rig(), edited);
+    assert!(window.is_said("never saved"));
+    assert_eq!(load_rig(folder.path().join("arcade.toml")).unwrap(), saved, "the file is as it was");
+    window.key(Modifiers::COMMAND, Key::Z);
+    assert_eq!(*window.rig(), saved);
+    window.key(Modifiers::COMMAND | Modifiers::SHIFT, Key::Z);
+    window.settle();
+    window.key(Modifiers::COMMAND, Key::S);
+    drop(window);
+    let window = Window::open(folder.path());
+    assert_eq!(*window.rig(), edited);
+    assert!(!window.is_said("never saved"), "it was saved");
+}
+
+#[test]
+fn what_cannot_be_read_is_told_until_it_is_dismissed() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    let rig = window.rig().clone();
+    std::fs::write(folder.path().join("bad.toml"), "[[light]]\nname = \"key\"\ntype = \"lamp\"\n").unwrap();
+    window.choose("File", "Open rig");
+    window.answer(&folder.path().join("bad.toml"));
+    assert!(window.is_said("bad.toml: line 3"));
+    assert_eq!(*window.rig(), rig, "edits are kept");
+    window.choose("File", "Save rig as");
+    window.answer(&folder.path().join("no/such/folder/rig.toml"));
+    assert!(window.is_said("no/such/folder"));
+    window.harness.run_steps(20);
+    assert!(window.is_said("bad.toml: line 3"), "it stays");
+    while window.is_said("bad.toml") || window.is_said("no/such") {
+        let first = window.harness.get_all_by_label("Dismiss").next().expect("one to dismiss");
+        first.click();
+        window.harness.run_steps(3);
+    }
+}
+
+#[test]
+fn closing_asks_for_unsaved_edits() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    window.choose("Add", "Omni");
+    window.settle();
+    close(&mut window);
+    assert!(window.is_said("Save the changes to arcade.toml?"));
+    window.click("Cancel");
+    assert!(!window.is_said("Save the changes"));
+    close(&mut window);
+    window.click("Save");
+    window.harness.run_steps(3);
+    assert_eq!(load_rig(folder.path().join("arcade.toml")).unwrap(), *window.rig());
+}
+
+fn close(window: &mut Window) {
+    use eframe::egui::{ViewportEvent, ViewportId};
+    let root = window.harness.input_mut().viewports.entry(ViewportId::ROOT).or_default();
+    root.events.push(ViewportEvent::Close);
+    window.harness.step();
+    let root = window.harness.input_mut().viewports.entry(ViewportId::ROOT).or_default();
+    root.events.clear();
+    window.harness.run_steps(3);
+}
+
+#[test]
+fn pictures_are_exported() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    for name in ["shot.exr", "shot.png"] {
+        window.choose("File", "Export image");
+        window.answer(&folder.path().join(name));
+        window.harness.run_steps(4);
+        assert!(folder.path().join(name).is_file(), "{name}");
+    }
+    let exr = read_exr(folder.path().join("shot.exr")).unwrap();
+    // half floats
+    let (written, shown) = (exr.indirect.unwrap(), window.layers().indirect);
+    assert!(relume::image::metrics::relative_l2(&written, &shown).unwrap() < 1e-3);
+    window.choose("File", "Export image");
+    window.answer(&folder.path().join("shot.tiff"));
+    assert!(window.is_said("must end in .exr or .png"));
+}
+
+#[test]
+fn a_window_without_a_shot_waits_for_one() {
+    let options = Options { dialogs: Dialogs::Typed, ..Options::default() };
+    let builder = Harness::builder().with_size([900.0, 600.0]).with_max_steps(16);
+    let mut harness = builder.build_eframe(move |context| Viewer::new(context, options).unwrap());
+    harness.run();
+    assert!(harness.state().picture().is_none());
+}

@@ -11,9 +11,10 @@ fn cargo(arguments: &[&str]) -> Result<()> {
     succeed(workspace::cargo().args(arguments))
 }
 
-/// Of everything, the benchmark beside Embree too: to be checked it need not be linked.
+/// Of everything: the window, and the benchmark beside Embree, which need not be linked to be checked.
 fn clippy() -> Result<()> {
-    let what = ["clippy", "--workspace", "--all-targets", "--features", "relume-tests/embree"];
+    let what =
+        ["clippy", "--workspace", "--all-targets", "--features", "relume-tests/embree,relume-cli/viewer"];
     cargo(&[&what[..], &["--quiet", "--", "-D", "warnings"]].concat())
 }
 

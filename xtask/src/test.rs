@@ -75,18 +75,27 @@ fn told_of_slurm(nodes: Option<&str>) -> String {
     }
 }
 
+/// Whether there is a desktop to try the window on, or the test that is skipped for want of one.
+fn told_of_desktop(has_server: bool) -> &'static str {
+    match has_server {
+        true => "found: Xvfb, for a desktop without a screen",
+        false => "skipped: a_light_is_dragged_on_a_desktop, for want of Xvfb",
+    }
+}
+
 /// Runs the tests of the whole workspace, or of the packages that `arguments` name; they go on to `cargo test`.
 pub(crate) fn run(arguments: &[String]) -> Result<()> {
     let mut tests = workspace::cargo();
     tests.arg("test");
     // cargo takes --workspace over any package named beside it.
     if !arguments.iter().any(|argument| argument.starts_with("-p") || argument.starts_with("--package")) {
-        tests.arg("--workspace");
+        tests.args(["--workspace", "--features", "relume-cli/viewer"]);
     }
     tests.args(arguments);
     let folder = shared_scenes();
     println!("{}", told_of_scenes(folder.as_deref()));
     println!("{}", told_of_slurm(slurm_nodes().as_deref()));
+    println!("{}", told_of_desktop(Command::new("Xvfb").arg("-help").output().is_ok()));
     if let Some(folder) = folder {
         tests.env("RELUME_SCENES", folder);
     }
@@ -112,6 +121,15 @@ mod tests {
         for none in [None, Some(""), Some("down*")] {
             assert!(told_of_slurm(none).starts_with("skipped: the_page_of_the_farm"), "{none:?}");
         }
+    }
+
+    #[test]
+    fn a_desktop_is_missed_by_the_name_of_its_test() {
+        let tests =
+            std::fs::read_to_string(workspace::root().join("crates/relume-cli/tests/desktop.rs")).unwrap();
+        let name = told_of_desktop(false).strip_prefix("skipped: ").unwrap().split(',').next().unwrap();
+        assert!(tests.contains(&format!("fn {name}()")), "{name}");
+        assert!(told_of_desktop(true).starts_with("found: "));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use relume::glam::{DVec3, Vec3};
 use relume::image::Image;
-use relume::reference::{Paths, Reference, Settings, render};
+use relume::reference::{Paths, Progressive, Reference, Settings, render};
 use relume::scene::Material;
 use relume::shade::surface_at;
 use relume::trace::Ray;
@@ -405,4 +405,36 @@ fn bad_settings_and_cancelling_are_errors() {
     let empty = empty.build();
     let result = trace(&empty, &room_lights(), &small());
     assert_eq!((mean(&result.layers.full()), result.noise.full), (DVec3::ZERO, 0.0));
+}
+
+/// Passes add up to what one long render gives, and tell their own noise.
+#[test]
+fn a_frame_that_is_refined_comes_to_the_same_as_a_long_one() {
+    let built = room(lambertian(COLOR), lambertian(Vec3::splat(0.6)), None);
+    let rig = rig([omni(Vec3::new(0.5, 1.6, 0.8), Vec3::splat(3.0), 0.0)]);
+    let first = Settings { spp: 8, ..small() };
+    let mut progressive = Progressive::new(first.clone());
+    let refine = |progressive: &mut Progressive| {
+        let refined = progressive.refine(&built.scene, &built.geometry, &built.accel, &rig, &());
+        refined.expect("valid settings").clone()
+    };
+    let pass = refine(&mut progressive);
+    assert!(
+        pass.layers.full() == trace(&built, &rig, &first).layers.full(),
+        "the first pass is the render itself"
+    );
+    let mut noises = vec![pass.noise.full];
+    let mut refined = pass;
+    for paths in [16, 32, 64, 128, 256, 512] {
+        refined = refine(&mut progressive);
+        assert_eq!(progressive.paths(), paths);
+        noises.push(refined.noise.full);
+    }
+    assert!(noises[6] < 0.3 * noises[0], "{noises:?}");
+    let long = trace(&built, &rig, &Settings { spp: 4096, seed: 77, ..small() });
+    let off = relative_l2(&refined.layers.full(), &long.layers.full());
+    assert!(off < 2.0 * noises[6], "off by {off} at a noise of {}", noises[6]);
+    let halves = mean(&refined.halves[0].full()) + mean(&refined.halves[1].full());
+    assert!((0.5 * halves).distance(mean(&refined.layers.full())) < 1e-5);
+    assert!(refined.layers.noise.is_some());
 }

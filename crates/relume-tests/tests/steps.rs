@@ -5,10 +5,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use relume::glam::Vec3;
 use relume::image::compare;
-use relume::relight::RelightSettings;
+use relume::relight::{Only, RelightSettings};
 use relume::transfer::{Multibounce, Preparing, Quality, Settings};
-use relume::{Error, LightRig, Preparation, Scene, Transfer};
+use relume::{Error, LightRig, Preparation, Relighter, Scene, Transfer};
 use relume_tests::prepared::{prepare, relight_afresh, tiny};
 use relume_tests::scenes::{box_room, court};
 
@@ -64,6 +65,61 @@ fn each_step_is_closer_and_the_last_is_what_was_asked_for() {
     assert!(second.0 < 0.04 && second.1 < 0.012, "{second:?}");
     assert!(3 * steps[0].gather.records() < 2 * steps[2].gather.records(), "few have rows");
     assert!(images[0].direct == images[2].direct, "direct light needs no step");
+}
+
+/// What is shown before anything is prepared: the same direct light as in the end, what shines by itself, suns of a dome's map, and no more.
+#[test]
+fn direct_light_comes_first_and_cannot_be_taken_for_more() {
+    let scene = arcade();
+    let settings = Settings { size: (96, 72), gather: 1024, quality: Quality::Draft, ..Settings::default() };
+    let preparation = || Preparation::new(&scene).settings(settings.clone());
+    let mut steps = Vec::new();
+    let last = preparation().direct_first().run_in_steps(&(), |transfer| {
+        steps.push(transfer);
+        Ok(())
+    });
+    let last = last.unwrap();
+    assert!(saved(&last) == saved(&preparation().run(&()).unwrap()), "the first step has changed the last");
+    let first = Arc::new(steps.remove(0));
+    assert!(first.is_direct_only() && !last.is_direct_only());
+    assert!(!steps.iter().any(Transfer::is_direct_only), "only the first step is of direct light alone");
+    let rig = relume_io::load_rig(assets("rigs/arcade.toml")).unwrap();
+    let all = RelightSettings::default();
+    let (looked, lit) =
+        (relight_afresh(&first, &rig, &all), relight_afresh(&Arc::new(last.clone()), &rig, &all));
+    assert!(looked.direct == lit.direct, "direct light is not what it will be");
+    assert!(looked.indirect.pixels.iter().all(|pixel| *pixel == Vec3::ZERO));
+    // a sky: its suns are there, light from all around is not
+    let sky = relume_io::load_rig(assets("rigs/arcade_sky.toml")).unwrap();
+    let (looked, lit) =
+        (relight_afresh(&first, &sky, &all), relight_afresh(&Arc::new(last.clone()), &sky, &all));
+    let sum =
+        |image: &relume::image::Image| image.pixels.iter().map(|pixel| pixel.element_sum()).sum::<f32>();
+    assert!(sum(&looked.direct) > 0.0 && sum(&looked.direct) < sum(&lit.direct));
+    let repainted = relume_io::load_rig(assets("rigs/arcade_repainted.toml")).unwrap();
+    let of = |transfer: &Arc<Transfer>| relight_afresh(transfer, &repainted, &all).direct;
+    assert!(of(&first) == of(&Arc::new(last.clone())), "base colours are not edited alike");
+
+    let indirect = RelightSettings { only: Only::Indirect, ..all };
+    let refused = Relighter::new(Arc::clone(&first)).relight(&rig, &indirect).unwrap_err();
+    assert!(refused.is_bad_input() && refused.to_string().contains("no indirect light"), "{refused}");
+    let folder = tempfile::tempdir().unwrap();
+    assert!(first.save(folder.path().join("first.relume")).is_err());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+/// A transfer is known again as what a preparation would make, and no other is.
+#[test]
+fn a_preparation_knows_its_transfer() {
+    let built = box_room();
+    let preparation = |settings: &Settings| Preparation::new(&built.scene).settings(settings.clone());
+    let transfer = preparation(&tiny()).run(&()).unwrap();
+    assert!(preparation(&tiny()).would_make(&transfer).unwrap());
+    let other = Settings { seed: 1, ..tiny() };
+    assert!(!preparation(&other).would_make(&transfer).unwrap());
+    let mut moved = built.scene.clone();
+    moved.cameras[0].vertical_fov *= 1.01;
+    assert!(!Preparation::new(&moved).settings(tiny()).would_make(&transfer).unwrap());
 }
 
 /// What is coarse already has no step before it, and what shows them may refuse.

@@ -1,6 +1,8 @@
 //! The window itself: who is told what, and when.
 
+mod files;
 mod layout;
+mod orders;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -8,23 +10,22 @@ use std::time::{Duration, Instant};
 
 use eframe::egui;
 use relume::glam::Vec3;
-use relume::image::{Image, Tonemap, display};
+use relume::image::Image;
 use relume::transfer::Report;
-use relume::{Error, LightKind, LightRig, Result, Scene, Transfer};
-use relume_io::{ExrMeta, check_materials, read_environment, write_exr, write_png};
+use relume::{Error, LightRig, Result, Scene, Transfer};
 
 use crate::autosave::Autosave;
 use crate::command::Command;
-use crate::develop::{Developer, Histogram, Negative};
+use crate::develop::{Developer, Histogram, Print, Recipe};
 use crate::dialog::{Dialogs, Purpose, Question};
 use crate::document::{Document, Stage};
-use crate::lighting::{Frame, Lighting, Order};
+use crate::lighting::{Frame, Lighting, Lit, Order};
 use crate::messages::Messages;
 use crate::panels::Renaming;
 use crate::picture::{Picture, Tool};
 use crate::preferences::Preferences;
 use crate::shot::{Event, Shot, Source};
-use crate::truth::{self, PathTracing, Truth};
+use crate::truth::{PathTracing, Truth};
 use crate::view::View;
 
 /// How long after an edit unsaved work is kept for good.
@@ -41,14 +42,14 @@ pub struct Options {
     pub state: Option<PathBuf>,
     /// How files are asked for.
     pub dialogs: Dialogs,
-    /// Say on stderr when pictures come: the first one, the first with indirect light, the last.
-    pub times: bool,
+    /// Say on stderr how long after this moment pictures come (the first one, the first with indirect light, the last), and in the end how long edits took
+    /// to be seen.
+    pub times: Option<Instant>,
 }
 
 /// The window.
 pub struct Viewer {
     options: Options,
-    began: Instant,
     /// Moments that have been told.
     told: Vec<&'static str>,
     preferences: Preferences,
@@ -81,14 +82,18 @@ pub struct Viewer {
     ordered: Option<Order>,
     lit: Option<Arc<Frame>>,
     developer: Developer,
-    developed: Option<Wanted>,
+    /// What was developed last, and how.
+    developed: Option<(*const Frame, Recipe)>,
     histogram: Option<Histogram>,
     /// Negatives that were made, and the number of the one that is on the screen.
     negatives: u64,
     printed: u64,
     /// What is on the screen.
     print: Option<(Arc<egui::ColorImage>, Option<Arc<egui::ColorImage>>)>,
-    latency: Option<Duration>,
+    /// How often the window was drawn.
+    drawn: u64,
+    /// From edits to their pictures, the newest last.
+    latencies: Vec<Duration>,
     tracing: PathTracing,
     truth: Option<Truth>,
     traced: Option<LightRig>,
@@ -97,17 +102,6 @@ pub struct Viewer {
     views: [View; 2],
     snapshots: Vec<Snapshot>,
     snapshots_made: u64,
-}
-
-/// What the last negative was made of: another one is made where any of it changes.
-#[derive(PartialEq)]
-struct Wanted {
-    frame: *const Frame,
-    truth: Option<*const Image>,
-    views: [View; 2],
-    both: bool,
-    exposure: f32,
-    curve: Tonemap,
 }
 
 /// A picture that was stored to compare with.
@@ -152,7 +146,6 @@ impl Viewer {
         };
         let threads = |error| Error::io("threads for the window", "start", error);
         let mut viewer = Self {
-            began: Instant::now(),
             told: Vec::new(),
             messages: Messages::default(),
             question: Question::default(),
@@ -181,7 +174,8 @@ impl Viewer {
             negatives: 0,
             printed: 0,
             print: None,
-            latency: None,
+            drawn: 0,
+            latencies: Vec::new(),
             tracing: PathTracing::start(wake()).map_err(threads)?,
             truth: None,
             traced: None,
@@ -196,77 +190,6 @@ impl Viewer {
             viewer.open_shot(&ctx, source);
         }
         Ok(viewer)
-    }
-
-    /// Opens a shot in place of the one that is open. The lights stay.
-    fn open_shot(&mut self, ctx: &egui::Context, source: Source) {
-        let wake = ctx.clone();
-        (self.scene, self.transfer, self.lit, self.ordered) = (None, None, None, None);
-        (self.truth, self.traced, self.developed) = (None, None, None);
-        self.snapshots.clear();
-        self.preferences.remember(&source.path);
-        let path = source.path.clone();
-        match Shot::open(source, move || wake.request_repaint()) {
-            Ok(shot) => self.shot = Some(shot),
-            Err(error) => self.messages.error(&Error::io(path, "open", error)),
-        }
-        self.recover();
-    }
-
-    /// Takes up edits that were never saved.
-    fn recover(&mut self) {
-        let shot = self.shot.as_ref().map(|shot| shot.source().path.clone());
-        let of = self.document.path().map(Path::to_owned).or(shot);
-        self.autosave = self.options.state.as_ref().zip(of).map(|(state, of)| {
-            let folder = state.join("unsaved");
-            Autosave::new(&folder, &of)
-        });
-        let Some(autosave) = &self.autosave else { return };
-        match autosave.recovered() {
-            Ok(Some(rig)) if rig != self.document.rig => {
-                self.document.recover(rig);
-                self.wants_lights = false;
-                self.messages.warn("Edits that were never saved are here again; Edit, Undo drops them");
-            }
-            Ok(_) => {}
-            Err(error) => {
-                autosave.forget();
-                self.messages.error(&error);
-            }
-        }
-    }
-
-    fn open_rig(&mut self, path: &Path) {
-        match Document::open(path) {
-            Ok(document) => {
-                if let Some(autosave) = &self.autosave {
-                    autosave.forget();
-                }
-                self.document = document;
-                self.wants_lights = false;
-                self.preferences.remember(path);
-                self.check_materials();
-                self.recover();
-            }
-            Err(error) => self.messages.error(&error),
-        }
-    }
-
-    /// Says which of the rig's materials the shot has not, and leaves them out: no frame could be lit with them.
-    fn check_materials(&mut self) {
-        let Some(transfer) = &self.transfer else { return };
-        let report = &transfer.report;
-        let path = self.document.path().unwrap_or(Path::new("the rig")).to_owned();
-        while let Err(error) = check_materials(&self.document.rig, &path, report.named_materials()) {
-            let before = (self.document.rig.emitters.len(), self.document.rig.materials.len());
-            let shines = |name: &str| report.named_materials().any(|(known, shines)| known == name && shines);
-            self.document.rig.emitters.retain(|emitter| shines(&emitter.material));
-            self.document.rig.materials.retain(|edit| report.materials.contains(&edit.name));
-            self.messages.warn(format!("{error}; it is left out"));
-            if before == (self.document.rig.emitters.len(), self.document.rig.materials.len()) {
-                break;
-            }
-        }
     }
 
     /// Where new lights go.
@@ -292,15 +215,9 @@ impl Viewer {
         while let Some(event) = self.shot.as_ref().and_then(Shot::next) {
             self.hear(event);
         }
-        while let Some(frame) = self.lighting.next() {
-            match frame {
-                // of a shot that was closed meanwhile
-                Ok(frame)
-                    if !self
-                        .transfer
-                        .as_ref()
-                        .is_some_and(|now| now.report.scene_hash == frame.transfer.report.scene_hash) => {}
-                Ok(frame) => self.lit = Some(Arc::new(frame)),
+        while let Some(lit) = self.lighting.next() {
+            match lit {
+                Ok(lit) => self.see(ctx, lit),
                 Err(error) => self.messages.error(&error),
             }
         }
@@ -308,13 +225,9 @@ impl Viewer {
             let text = "relighting has failed and goes no further: save your lights, and open the shot again";
             self.messages.error(&Error::Setting(text.to_owned()));
         }
-        if let Some(print) = self.developer.next() {
-            self.latency = print.asked.map(|asked| asked.elapsed()).or(self.latency);
-            self.histogram = Some(print.histogram.clone());
-            self.printed = print.number;
-            self.print = Some((Arc::clone(&print.left), print.right.clone()));
-            self.picture.take(ctx, print);
-            self.tell_moments();
+        if let Some((number, print)) = self.developer.next().filter(|(number, _)| *number > self.printed) {
+            self.printed = number;
+            self.show(ctx, print);
         }
         match self.tracing.next() {
             Some(Ok(truth)) => self.truth = Some(truth),
@@ -324,6 +237,33 @@ impl Viewer {
         if let Some(again) = self.messages.age() {
             ctx.request_repaint_after(again);
         }
+    }
+
+    /// Takes up a picture that was lit.
+    fn see(&mut self, ctx: &egui::Context, lit: Lit) {
+        let Lit { frame, recipe, print } = lit;
+        let hash = |transfer: &Transfer| transfer.report.scene_hash.clone();
+        if self.transfer.as_ref().is_none_or(|now| hash(now) != hash(&frame.transfer)) {
+            return; // of a shot that was closed meanwhile
+        }
+        let asked = frame.asked;
+        self.lit = Some(frame);
+        // where something else is to be shown of it by now, it is developed once more
+        if self.recipe() == recipe {
+            self.developed = self.lit.as_ref().map(|lit| (Arc::as_ptr(lit), recipe));
+            self.negatives += 1;
+            self.printed = self.negatives;
+            self.show(ctx, print);
+        }
+        // of an edit that was shown; what follows it is the same edit in full
+        self.latencies.extend(asked.map(|asked| asked.elapsed()));
+    }
+
+    fn show(&mut self, ctx: &egui::Context, print: Print) {
+        self.histogram = Some(print.histogram.clone());
+        self.print = Some((Arc::clone(&print.left), print.right.clone()));
+        self.picture.take(ctx, print);
+        self.tell_moments();
     }
 
     fn hear(&mut self, event: Event) {
@@ -379,109 +319,27 @@ impl Viewer {
         }
     }
 
+    /// How long edits took to be seen.
+    fn tell_latencies(&self) {
+        let mut sorted = self.latencies.clone();
+        sorted.sort_unstable();
+        let at = |share: f64| {
+            sorted.get(((sorted.len() as f64 * share) as usize).min(sorted.len().saturating_sub(1)))
+        };
+        if let (true, Some(median), Some(late)) = (self.options.times.is_some(), at(0.5), at(0.95)) {
+            let ms = |time: &Duration| time.as_secs_f64() * 1e3;
+            let (count, drawn, median, late) = (sorted.len(), self.drawn, ms(median), ms(late));
+            eprintln!(
+                "{count} edits seen after {median:.0} ms (median), {late:.0} ms (95%); the window was drawn {drawn} times"
+            );
+        }
+    }
+
     fn tell(&mut self, moment: &'static str) {
-        if self.options.times && !self.told.contains(&moment) {
+        if let Some(began) = self.options.times.filter(|_| !self.told.contains(&moment)) {
             self.told.push(moment);
-            eprintln!("{moment}: {:.2} s", self.began.elapsed().as_secs_f64());
+            eprintln!("{moment}: {:.2} s", began.elapsed().as_secs_f64());
         }
-    }
-
-    /// Asks the workers for what is to be shown now.
-    fn order(&mut self, ctx: &egui::Context) {
-        let Some(transfer) = &self.transfer else { return };
-        let emissive = self
-            .emissive
-            .iter()
-            .filter_map(|&number| transfer.report.materials.get(number as usize).cloned());
-        let rig = LightRig { exposure: 0.0, ..self.document.shown(emissive) };
-        let wants = |view: &dyn Fn(&View) -> bool| {
-            view(&self.views[0]) || (self.picture.wipe.is_some() && view(&self.views[1]))
-        };
-        let per_light = wants(&|view| matches!(view, View::Light(_)));
-        let albedo = wants(&|view| *view == View::Albedo);
-        let down = ctx.input(|input| input.pointer.any_down());
-        let changed = match &self.ordered {
-            None => true,
-            Some(last) => {
-                let same = Arc::ptr_eq(&last.transfer, transfer) && last.rig == rig;
-                !same || last.per_light != per_light || last.albedo != albedo || (last.dragging && !down)
-            }
-        };
-        if let Some(shot) = &self.shot {
-            shot.rest(down && self.ordered.as_ref().is_some_and(|last| last.dragging));
-        }
-        if changed {
-            let moved = self.ordered.as_ref().is_some_and(|last| last.rig != rig);
-            // what follows a drag is the full frame of the same edit, which was on the screen before
-            let asked = moved.then(Instant::now);
-            let order = Order {
-                transfer: Arc::clone(transfer),
-                rig,
-                per_light,
-                albedo,
-                dragging: down && moved,
-                asked,
-            };
-            self.lighting.order(order.clone());
-            self.ordered = Some(order);
-        }
-        self.order_truth();
-        self.develop();
-    }
-
-    /// Path traces for as long as the reference is looked at, anew for each rig.
-    fn order_truth(&mut self) {
-        let looked_at = self.views[0] == View::Reference
-            || (self.picture.wipe.is_some() && self.views[1] == View::Reference);
-        let full = self.lit.as_ref().filter(|lit| !lit.preview && looked_at);
-        match (full, &self.scene, &self.transfer) {
-            (Some(lit), Some(scene), Some(transfer)) if self.traced.as_ref() != Some(&lit.rig) => {
-                let order = truth::Order {
-                    scene: Arc::clone(scene),
-                    camera: transfer.report.settings.camera,
-                    lit: Arc::clone(lit),
-                };
-                self.traced = Some(lit.rig.clone());
-                self.tracing.order(Some(order));
-            }
-            _ if !looked_at && self.traced.take().is_some() => self.tracing.order(None),
-            _ => {}
-        }
-    }
-
-    /// Has shown what there is.
-    fn develop(&mut self) {
-        let Some(lit) = &self.lit else { return };
-        let truth = self.truth.as_ref().map(|truth| &truth.image);
-        let wanted = Wanted {
-            frame: Arc::as_ptr(lit),
-            truth: truth.map(Arc::as_ptr),
-            views: self.views.clone(),
-            both: self.picture.wipe.is_some(),
-            exposure: self.document.rig.exposure,
-            curve: self.preferences.curve.into(),
-        };
-        if self.developed.as_ref() == Some(&wanted) {
-            return;
-        }
-        let snapshot = |number| {
-            let found = self.snapshots.iter().find(|snapshot| snapshot.number == number);
-            found.map(|snapshot| Arc::clone(&snapshot.image))
-        };
-        let source = |view: &View| view.source(lit, truth, snapshot);
-        // until a reference is there, what it will be compared with is shown
-        let Some(left) = source(&self.views[0]).or_else(|| source(&View::Full)) else { return };
-        let fresh = self.developed.as_ref().is_none_or(|last| last.frame != wanted.frame);
-        self.negatives += 1;
-        self.developer.order(Negative {
-            number: self.negatives,
-            left,
-            right: if wanted.both { source(&self.views[1]) } else { None },
-            exposure: wanted.exposure,
-            curve: wanted.curve,
-            asked: lit.asked.filter(|_| fresh),
-        });
-        self.developed = Some(wanted);
     }
 
     /// Notes edits once they are at rest, and keeps them for good a little later.
@@ -552,112 +410,6 @@ impl Viewer {
             self.snapshots_made += 1;
             let image = Arc::new(lit.layers.full());
             self.snapshots.push(Snapshot { number: self.snapshots_made, image });
-        }
-    }
-
-    /// Saves the rig. Returns to what waited for it.
-    fn save(&mut self, path: &Path) {
-        let path = if path.extension().is_none() { path.with_extension("toml") } else { path.to_owned() };
-        match self.document.save(&path) {
-            Ok(()) => {
-                if let Some(autosave) = self.autosave.take() {
-                    autosave.forget();
-                }
-                self.autosave =
-                    self.options.state.as_ref().map(|state| Autosave::new(&state.join("unsaved"), &path));
-                self.preferences.remember(&path);
-                self.messages.notice(format!("Saved {}", path.display()));
-            }
-            Err(error) => {
-                self.pending = None;
-                self.messages.error(&error);
-            }
-        }
-    }
-
-    /// What was asked for, with the file for it.
-    fn answer(&mut self, ctx: &egui::Context, purpose: Purpose, path: PathBuf) {
-        match purpose {
-            Purpose::OpenShot | Purpose::OpenRig => self.open(ctx, path),
-            Purpose::SaveRig => self.save(&path),
-            Purpose::ExportImage => self.export(&path),
-            Purpose::Map => self.set_map(&path),
-        }
-    }
-
-    /// Opens a file by its ending: a rig, an environment map, else a shot.
-    fn open(&mut self, ctx: &egui::Context, path: PathBuf) {
-        let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-        match ending.as_deref() {
-            Some("toml") if self.document.is_changed() => self.pending = Some(Pending::Rig(path)),
-            Some("toml") => self.open_rig(&path),
-            Some("hdr" | "exr") => self.set_map(&path),
-            _ => {
-                let settings =
-                    self.options.source.as_ref().map(|source| source.settings.clone()).unwrap_or_default();
-                let source = Source { settings, ..Source::new(&path) };
-                if !path.is_file() {
-                    let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
-                    self.messages.error(&Error::io(&path, "read", missing));
-                } else if self.document.is_changed() && self.document.path().is_none() {
-                    self.pending = Some(Pending::Shot(path));
-                } else {
-                    self.open_shot(ctx, source);
-                }
-            }
-        }
-    }
-
-    /// Gives the selected dome a map, or adds a dome with it.
-    fn set_map(&mut self, path: &Path) {
-        let folder =
-            self.document.path().and_then(Path::parent).and_then(|folder| std::path::absolute(folder).ok());
-        let file = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let name = folder.and_then(|folder| file.strip_prefix(folder).ok()).unwrap_or(&file);
-        let read = match read_environment(path, &name.to_string_lossy()) {
-            Ok(read) => Arc::new(read),
-            Err(error) => return self.messages.error(&error),
-        };
-        let is_dome = |light: &relume::Light| matches!(light.kind, LightKind::Dome { .. });
-        if !self.document.selected_light().is_some_and(|light| is_dome(light)) {
-            match self.document.rig.lights.iter().position(is_dome) {
-                Some(dome) => self.document.selected = Some(dome),
-                None => {
-                    let stage = self.stage();
-                    self.document.add(crate::document::NewLight::Dome, stage);
-                    if let Some(light) = self.document.selected_light() {
-                        *light = light.with_color(Vec3::ONE);
-                    }
-                }
-            }
-        }
-        if let Some(LightKind::Dome { map, .. }) = self.document.selected_light().map(|light| &mut light.kind)
-        {
-            *map = Some(read);
-        }
-    }
-
-    /// Writes the picture on a thread of its own.
-    fn export(&mut self, path: &Path) {
-        let Some(lit) = self.lit.clone() else {
-            return self.messages.warn("There is no picture to export yet");
-        };
-        if lit.preview {
-            self.messages.warn("What was exported is a coarse frame: the full one is not there yet");
-        }
-        let (exposure, curve) = (self.document.rig.exposure, self.preferences.curve.into());
-        let written =
-            match path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).as_deref() {
-                Some("exr") => write_exr(path, &lit.layers, &ExrMeta::default()),
-                Some("png") => {
-                    let image = lit.layers.full();
-                    write_png(path, image.width, image.height, &display(&image, exposure, curve))
-                }
-                _ => Err(Error::file(path, "an image must end in .exr or .png; name it so")),
-            };
-        match written {
-            Ok(()) => self.messages.notice(format!("Wrote {}", path.display())),
-            Err(error) => self.messages.error(&error),
         }
     }
 

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
-use std::time::Instant;
 
 use eframe::egui::{Color32, ColorImage};
 use rayon::prelude::*;
@@ -10,8 +9,9 @@ use relume::glam::Vec3;
 use relume::image::display::{encode, srgb_from_linear};
 use relume::image::{Image, Tonemap};
 
+use crate::lighting::Frame;
 use crate::mailbox::Mailbox;
-use crate::view::{Scale, Source};
+use crate::view::{LightOf, Scale, Source, View};
 
 /// Rec. 709.
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
@@ -20,34 +20,50 @@ const MIDDLE_GREY: f32 = 0.18;
 /// Pixels that one task develops.
 const CHUNK: usize = 4096;
 
-/// What to develop: what fills the picture, and what a wipe shows beside it.
+/// What of a frame is shown, and how.
 #[derive(Clone)]
-pub(crate) struct Negative {
-    pub(crate) number: u64,
-    pub(crate) left: Source,
-    pub(crate) right: Option<Source>,
+pub(crate) struct Recipe {
+    /// What fills the picture, or is left of a wipe.
+    pub(crate) left: View,
+    /// What a wipe shows beside it.
+    pub(crate) right: Option<View>,
     /// Stops.
     pub(crate) exposure: f32,
     pub(crate) curve: Tonemap,
-    /// When the edit was made that it is the first picture of.
-    pub(crate) asked: Option<Instant>,
+    /// The path-traced image, once there is one.
+    pub(crate) truth: Option<Arc<Image>>,
+    /// Stored images, with their numbers.
+    pub(crate) snapshots: Vec<(u64, Arc<Image>)>,
+}
+
+impl PartialEq for Recipe {
+    fn eq(&self, other: &Self) -> bool {
+        let look = |recipe: &Self| (recipe.left.clone(), recipe.right.clone(), recipe.exposure, recipe.curve);
+        let truth = |recipe: &Self| recipe.truth.as_ref().map(Arc::as_ptr);
+        let numbers = |recipe: &Self| recipe.snapshots.iter().map(|(number, _)| *number).collect::<Vec<_>>();
+        look(self) == look(other) && truth(self) == truth(other) && numbers(self) == numbers(other)
+    }
+}
+
+/// A frame to develop.
+struct Negative {
+    number: u64,
+    frame: Arc<Frame>,
+    recipe: Recipe,
 }
 
 /// What came of it.
 pub(crate) struct Print {
-    /// That of the negative.
-    pub(crate) number: u64,
     pub(crate) left: Arc<ColorImage>,
     pub(crate) right: Option<Arc<ColorImage>>,
     /// Of the left one.
     pub(crate) histogram: Histogram,
-    pub(crate) asked: Option<Instant>,
 }
 
 /// The worker, for as long as this lives.
 pub(crate) struct Developer {
     negatives: Arc<Mailbox<Negative>>,
-    prints: Receiver<Print>,
+    prints: Receiver<(u64, Print)>,
 }
 
 impl Developer {
@@ -58,7 +74,8 @@ impl Developer {
         let waiting = Arc::clone(&negatives);
         std::thread::Builder::new().name("developing".to_owned()).spawn(move || {
             while let Some(negative) = waiting.take() {
-                if sender.send(negative.develop()).is_err() {
+                let print = negative.recipe.print(&negative.frame);
+                if sender.send((negative.number, print)).is_err() {
                     break;
                 }
                 wake();
@@ -67,13 +84,13 @@ impl Developer {
         Ok(Self { negatives, prints })
     }
 
-    /// Has something developed; what is still waiting is forgotten.
-    pub(crate) fn order(&self, negative: Negative) {
-        self.negatives.put(negative);
+    /// Has a frame developed; what is still waiting is forgotten. `number` comes back with the print.
+    pub(crate) fn order(&self, number: u64, frame: Arc<Frame>, recipe: Recipe) {
+        self.negatives.put(Negative { number, frame, recipe });
     }
 
     /// The newest print since the last call.
-    pub(crate) fn next(&self) -> Option<Print> {
+    pub(crate) fn next(&self) -> Option<(u64, Print)> {
         self.prints.try_iter().last()
     }
 }
@@ -84,19 +101,27 @@ impl Drop for Developer {
     }
 }
 
-impl Negative {
-    fn develop(&self) -> Print {
-        let image = self.left.light.image();
+impl Recipe {
+    /// Develops a frame. Until a reference is there, what it will be compared with is shown.
+    pub(crate) fn print(&self, frame: &Arc<Frame>) -> Print {
+        let full = || Source { light: LightOf::Full(Arc::clone(frame)), scale: Scale::Exposed };
+        let left = self.source(&self.left, frame).unwrap_or_else(full);
+        let right = self.right.as_ref().map(|right| self.source(right, frame).unwrap_or_else(full));
+        let image = left.light.image();
+        let exposure = if left.scale == Scale::Exposed { self.exposure } else { 0.0 };
         Print {
-            number: self.number,
-            asked: self.asked,
-            left: self.colors(&image, self.left.scale).into(),
-            right: self.right.as_ref().map(|right| self.colors(&right.light.image(), right.scale).into()),
-            histogram: Histogram::new(
-                &image,
-                if self.left.scale == Scale::Exposed { self.exposure } else { 0.0 },
-            ),
+            left: self.colors(&image, left.scale).into(),
+            right: right.map(|right| self.colors(&right.light.image(), right.scale).into()),
+            histogram: Histogram::new(&image, exposure),
         }
+    }
+
+    fn source(&self, view: &View, frame: &Arc<Frame>) -> Option<Source> {
+        let stored = |number| {
+            let found = self.snapshots.iter().find(|(known, _)| *known == number);
+            found.map(|(_, image)| Arc::clone(image))
+        };
+        view.source(frame, self.truth.as_ref(), stored)
     }
 
     fn colors(&self, image: &Image, scale: Scale) -> ColorImage {
@@ -198,7 +223,6 @@ impl Histogram {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::LightOf;
 
     fn image(values: &[f32]) -> Image {
         Image {
@@ -208,11 +232,13 @@ mod tests {
         }
     }
 
+    fn recipe(exposure: f32) -> Recipe {
+        let (left, curve) = (View::Full, Tonemap::Srgb);
+        Recipe { left, right: None, exposure, curve, truth: None, snapshots: Vec::new() }
+    }
+
     fn print(values: &[f32], scale: Scale, exposure: f32) -> Vec<Color32> {
-        let source = Source { light: LightOf::Image(Arc::new(image(values))), scale };
-        let negative =
-            Negative { number: 0, left: source, right: None, exposure, curve: Tonemap::Srgb, asked: None };
-        negative.develop().left.pixels.clone()
+        recipe(exposure).colors(&image(values), scale).pixels
     }
 
     #[test]
@@ -250,27 +276,5 @@ mod tests {
         }
         assert_eq!(histogram.clipped, 0.25);
         assert_eq!(Histogram::new(&image(&[0.6]), 1.0).clipped, 1.0);
-    }
-
-    #[test]
-    fn the_newest_negative_is_printed() {
-        let developer = Developer::start(|| {}).unwrap();
-        for exposure in 0..20 {
-            let left = Source { light: LightOf::Image(Arc::new(image(&[0.01]))), scale: Scale::Exposed };
-            developer.order(Negative {
-                number: 0,
-                left,
-                right: None,
-                exposure: exposure as f32 / 4.0,
-                curve: Tonemap::Srgb,
-                asked: None,
-            });
-        }
-        let wanted = print(&[0.01], Scale::Exposed, 19.0 / 4.0);
-        let end = Instant::now() + std::time::Duration::from_secs(20);
-        while developer.next().is_none_or(|print| print.left.pixels != wanted) {
-            assert!(Instant::now() < end, "the last negative is not printed");
-            std::thread::yield_now();
-        }
     }
 }

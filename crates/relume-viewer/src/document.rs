@@ -185,7 +185,8 @@ impl Document {
         // half the way to what is looked at, above it and to its right: in sight of most cameras
         let position = eye + 0.5 * (center - eye) + beside + 0.12 * distance * up;
         // a wall of albedo 0.5 at its target comes out somewhat above middle grey
-        let intensity = Vec3::splat(1.5 * position.distance_squared(center));
+        let intensity = Vec3::splat(two_digits(1.5 * position.distance_squared(center)));
+        let (position, center) = (centimetres(position), centimetres(center));
         let kind_of = match kind {
             NewLight::Omni => LightKind::Omni { position, intensity, radius: 0.0 },
             NewLight::Spot => LightKind::Spot {
@@ -265,6 +266,16 @@ impl Document {
         }
         rig
     }
+}
+
+/// A number with two digits that count: what a person would have typed.
+fn two_digits(value: f32) -> f32 {
+    let step = 10_f32.powi(value.max(f32::MIN_POSITIVE).log10().floor() as i32 - 1);
+    (value / step).round() * step
+}
+
+fn centimetres(position: Vec3) -> Vec3 {
+    (position * 100.0).round() / 100.0
 }
 
 /// The rig as it is written to `to`: maps of domes are named from its folder.

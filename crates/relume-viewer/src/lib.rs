@@ -58,7 +58,8 @@ pub fn run(options: Options) -> Result<()> {
         .with_inner_size([1280.0, 800.0])
         .with_min_inner_size([640.0, 400.0])
         .with_drag_and_drop(true);
-    let native = eframe::NativeOptions { viewport, ..eframe::NativeOptions::default() };
+    // without dithering the screen shows the very values that the picture was developed to
+    let native = eframe::NativeOptions { viewport, dithering: false, ..eframe::NativeOptions::default() };
     let mut refused = None;
     let create = |context: &eframe::CreationContext<'_>| match Viewer::new(context, options) {
         Ok(viewer) => Ok(Box::new(viewer) as Box<dyn eframe::App>),

@@ -9,13 +9,14 @@ use relume::image::{Image, Layers};
 use relume::relight::{FrameStats, RelightSettings};
 use relume::{Error, LightRig, Progress, Relighter, Transfer};
 
+use crate::develop::{Print, Recipe};
 use crate::mailbox::{Found, Mailbox};
 
 /// How long a light that is dragged must rest until its full frame is begun: frames that come every 16 ms do not start it.
 const REST: Duration = Duration::from_millis(120);
 
 /// A picture that is wanted.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub(crate) struct Order {
     pub(crate) transfer: Arc<Transfer>,
     pub(crate) rig: LightRig,
@@ -27,6 +28,15 @@ pub(crate) struct Order {
     pub(crate) dragging: bool,
     /// When the edit was made; `None` for a picture of the same lights.
     pub(crate) asked: Option<Instant>,
+    /// How it will be shown, so that it need not be asked for again.
+    pub(crate) recipe: Recipe,
+}
+
+/// A picture, as it was to be shown when it was ordered.
+pub(crate) struct Lit {
+    pub(crate) frame: Arc<Frame>,
+    pub(crate) recipe: Recipe,
+    pub(crate) print: Print,
 }
 
 /// A picture.
@@ -45,7 +55,7 @@ pub(crate) struct Frame {
 /// The worker, for as long as this lives.
 pub(crate) struct Lighting {
     orders: Arc<Mailbox<Order>>,
-    frames: Receiver<Result<Frame, Error>>,
+    frames: Receiver<Result<Lit, Error>>,
     has_failed: Cell<bool>,
 }
 
@@ -66,7 +76,7 @@ impl Lighting {
     }
 
     /// The next picture that is there, or why there is none.
-    pub(crate) fn next(&self) -> Option<Result<Frame, Error>> {
+    pub(crate) fn next(&self) -> Option<Result<Lit, Error>> {
         match self.frames.try_recv() {
             Ok(frame) => Some(frame),
             Err(TryRecvError::Empty) => None,
@@ -91,7 +101,7 @@ impl Drop for Lighting {
 
 struct Worker {
     orders: Arc<Mailbox<Order>>,
-    frames: Sender<Result<Frame, Error>>,
+    frames: Sender<Result<Lit, Error>>,
     wake: Box<dyn Fn() + Send>,
     relighter: Option<Relighter>,
 }
@@ -141,15 +151,18 @@ impl Worker {
         let frame = match lit {
             Err(Error::Cancelled) => return,
             Err(error) => Err(error),
-            Ok(layers) => Ok(Frame {
-                transfer: Arc::clone(&order.transfer),
-                rig: order.rig.clone(),
-                albedo: order.albedo.then(|| relighter.albedo()),
-                stats: *relighter.stats(),
-                layers,
-                preview,
-                asked: order.asked,
-            }),
+            Ok(layers) => {
+                let frame = Arc::new(Frame {
+                    transfer: Arc::clone(&order.transfer),
+                    rig: order.rig.clone(),
+                    albedo: order.albedo.then(|| relighter.albedo()),
+                    stats: *relighter.stats(),
+                    layers,
+                    preview,
+                    asked: order.asked,
+                });
+                Ok(Lit { print: order.recipe.print(&frame), recipe: order.recipe.clone(), frame })
+            }
         };
         // a window that has closed wants no more pictures
         if self.frames.send(frame).is_ok() {

@@ -111,7 +111,7 @@ mod tests {
         let off = Light { enabled: false, ..fill.clone() };
         let renamed = Light { name: "rim".to_owned(), ..fill.clone() };
         for (after, name) in [
-            (rig(&[key.clone()]), "delete fill"),
+            (rig(std::slice::from_ref(&key)), "delete fill"),
             (rig(&[moved, fill.clone()]), "move key"),
             (rig(&[key.with_color(Vec3::splat(2.0)), fill.clone()]), "change light of key"),
             (rig(&[key.clone(), off]), "turn fill off"),

@@ -38,7 +38,7 @@ pub(crate) struct Arguments {
     /// The folder for unsaved edits [default: where the system keeps such things].
     #[arg(long, value_name = "FOLDER")]
     state: Option<PathBuf>,
-    /// Say on stderr after how many seconds the first picture, the first indirect light, and the last transfer were there.
+    /// Say on stderr after how many seconds the first picture, the first indirect light and the last transfer were there, and in the end how long edits took to be seen.
     #[arg(long)]
     times: bool,
     #[command(flatten)]
@@ -74,6 +74,7 @@ pub(crate) fn run(arguments: &Arguments, _: &Console) -> Result<()> {
     use relume::transfer::{Quality, Settings};
     use relume_viewer::{Dialogs, Options, Source};
 
+    let times = arguments.times.then(std::time::Instant::now);
     if let Some(shot) = &arguments.shot {
         // told here, and not in a window that has nothing to show
         std::fs::File::open(shot).map_err(|error| relume::Error::io(shot, "read", error))?;
@@ -96,6 +97,6 @@ pub(crate) fn run(arguments: &Arguments, _: &Console) -> Result<()> {
         ..Source::new(path)
     });
     let state = arguments.state.clone().or_else(relume_viewer::state_folder);
-    let (rig, times) = (arguments.rig.clone(), arguments.times);
+    let rig = arguments.rig.clone();
     relume_viewer::run(Options { source, rig, state, dialogs: Dialogs::Native, times })
 }

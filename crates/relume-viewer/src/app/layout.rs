@@ -27,13 +27,14 @@ impl eframe::App for Viewer {
 
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
         let ctx = ui.ctx().clone();
+        self.drawn += 1;
         self.take_dropped(&ctx);
         self.take_keys(&ctx);
         Panel::top("menu").show(ui, |ui| self.menu(ui));
         Panel::bottom("status").show(ui, |ui| {
             panels::messages(ui, &mut self.messages);
             self.probe(ui);
-            panels::status(ui, self.shot.as_ref(), self.lit.as_deref(), self.latency);
+            panels::status(ui, self.shot.as_ref(), self.lit.as_deref(), self.latencies.last().copied());
         });
         Panel::right("side").default_size(330.0).min_size(260.0).show(ui, |ui| {
             ScrollArea::vertical().auto_shrink(false).show(ui, |ui| self.side(ui));
@@ -52,6 +53,7 @@ impl eframe::App for Viewer {
     }
 
     fn on_exit(&mut self) {
+        self.tell_latencies();
         // whoever closed has saved, or has given up what was not
         if let Some(autosave) = &self.autosave {
             autosave.forget();
@@ -221,7 +223,7 @@ impl Viewer {
     /// How good the reference is by now, while it is looked at.
     fn tell_truth(&self, ui: &mut Ui) {
         let shows = |view: &View| *view == View::Reference;
-        if !shows(&self.views[0]) && !(self.picture.wipe.is_some() && shows(&self.views[1])) {
+        if !self.looks_at(shows) {
             return;
         }
         ui.separator();

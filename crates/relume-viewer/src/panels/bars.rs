@@ -101,7 +101,7 @@ fn preparation(ui: &mut Ui, shot: &Shot) {
 pub(crate) fn messages(ui: &mut Ui, messages: &mut Messages) {
     let mut read = None;
     for (index, message) in messages.iter().enumerate() {
-        ui.horizontal_wrapped(|ui| {
+        ui.horizontal(|ui| {
             let (sign, color) = match message.kind {
                 Kind::Error => ("Error:", Color32::from_rgb(235, 87, 87)),
                 Kind::Warning => ("Warning:", Color32::from_rgb(235, 170, 60)),
@@ -110,8 +110,10 @@ pub(crate) fn messages(ui: &mut Ui, messages: &mut Messages) {
             if super::cross(ui, "Dismiss") {
                 read = Some(index);
             }
-            ui.colored_label(color, sign);
-            ui.add(egui::Label::new(&message.text).selectable(true));
+            if !sign.is_empty() {
+                ui.colored_label(color, sign);
+            }
+            ui.add(egui::Label::new(&message.text).selectable(true).wrap());
         });
     }
     if let Some(index) = read {

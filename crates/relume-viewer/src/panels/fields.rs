@@ -15,7 +15,7 @@ const FAR: f32 = 1e6;
 pub(crate) fn fields(ui: &mut Ui, light: &mut Light, measure: &mut Measure) -> MapWish {
     let mut wish = MapWish::None;
     let grid = Grid::new("fields").num_columns(2).spacing([10.0, 6.0]);
-    ui.push_id(&light.name.clone(), |ui| {
+    ui.push_id(light.name.clone(), |ui| {
         grid.show(ui, |ui| match &mut light.kind {
             LightKind::Omni { position, intensity, radius } => {
                 color::light(ui, intensity, "W/sr", measure);

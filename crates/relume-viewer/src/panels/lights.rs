@@ -78,7 +78,7 @@ fn row(
                 rename(ui, document, renaming, fault);
                 return;
             }
-            let label = ui.selectable_label(selected, &name);
+            let label = ui.add(Button::selectable(selected, &name).sense(Sense::click_and_drag()));
             let label = label.on_hover_text("Click selects, a double click renames, dragging reorders");
             if label.clicked() {
                 document.selected = Some(index);
@@ -86,8 +86,7 @@ fn row(
             if label.double_clicked() {
                 *renaming = Some((index, name));
             }
-            let handle = ui.interact(label.rect, ui.scope_id().with("drag"), Sense::drag());
-            handle.dnd_set_drag_payload(Row(index));
+            label.dnd_set_drag_payload(Row(index));
         });
         let response = response.response.interact(Sense::hover());
         if let Some(from) = response.dnd_release_payload::<Row>() {

@@ -218,7 +218,7 @@ impl Picture {
                     *light = drag.light(frame, camera, at, surface);
                 }
                 (Held::Tool, Some(light)) if response.dragged() => {
-                    self.tool.apply(lit, frame.pixel(at), light, false)
+                    self.tool.apply(lit, frame.pixel(at), light, false);
                 }
                 (_, Some(light)) if response.clicked() && self.tool != Tool::Select => {
                     self.tool.apply(lit, frame.pixel(at), light, true);
@@ -267,7 +267,9 @@ impl Picture {
 
     fn paint(&self, ui: &Ui, frame: &Frame, around: &Around<'_>) {
         let painter = ui.painter_at(frame.room);
-        painter.rect_filled(frame.room, 0.0, ui.visuals().extreme_bg_color);
+        for beside in around_of(frame.room, self.left.is_some().then(|| frame.image())) {
+            painter.rect_filled(beside, 0.0, ui.visuals().extreme_bg_color);
+        }
         let Some(left) = &self.left else {
             let color = ui.visuals().weak_text_color();
             let text = if around.is_open { "Opening ..." } else { "Drop a scene or a cache here" };
@@ -339,6 +341,18 @@ impl Picture {
             ui.ctx().set_cursor_icon(CursorIcon::Grab);
         }
     }
+}
+
+/// What of the room an image leaves bare: painting under it would be for nothing, which tells where the processor paints.
+fn around_of(room: Rect, image: Option<Rect>) -> Vec<Rect> {
+    let Some(image) = image.map(|image| image.intersect(room)).filter(Rect::is_positive) else {
+        return vec![room];
+    };
+    let rows = [(room.top(), image.top()), (image.bottom(), room.bottom())];
+    let sides = [(room.left(), image.left()), (image.right(), room.right())];
+    let across = rows.map(|(top, bottom)| Rect::from_x_y_ranges(room.x_range(), top..=bottom));
+    let beside = sides.map(|(left, right)| Rect::from_x_y_ranges(left..=right, image.y_range()));
+    across.into_iter().chain(beside).filter(Rect::is_positive).collect()
 }
 
 /// The light that stands at a point of the screen.

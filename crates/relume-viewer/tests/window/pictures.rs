@@ -119,7 +119,7 @@ fn the_pixel_under_the_pointer_is_told() {
     window.harness.run_steps(3);
     let layers = window.layers();
     let direct = layers.direct.pixels[50 * 96 + 40];
-    assert!(window.is_said(&format!("40, 50   full")));
+    assert!(window.is_said("40, 50   full"));
     assert!(window.is_said(&format!("direct {:.4}", direct.x)));
     window.harness.hover_at(pos2(2.0, 2.0));
     window.harness.run_steps(3);

@@ -71,7 +71,7 @@ impl Window {
             rig: rig.map(|rig| folder.join(rig)),
             state: Some(folder.join("state")),
             dialogs: Dialogs::Typed,
-            times: false,
+            times: None,
         };
         // as fast as a display, so that two clicks are a double one
         let builder = builder.with_size([1280.0, 800.0]).with_max_steps(64).with_step_dt(1.0 / 60.0);

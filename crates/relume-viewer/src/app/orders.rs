@@ -1,0 +1,109 @@
+//! What is ordered of the workers, from what is to be shown.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use eframe::egui;
+use relume::LightRig;
+
+use super::Viewer;
+use crate::develop::Recipe;
+use crate::lighting::Order;
+use crate::truth;
+use crate::view::View;
+
+impl Viewer {
+    /// Asks the workers for what is to be shown now.
+    pub(super) fn order(&mut self, ctx: &egui::Context) {
+        let Some(transfer) = &self.transfer else { return };
+        let emissive = self
+            .emissive
+            .iter()
+            .filter_map(|&number| transfer.report.materials.get(number as usize).cloned());
+        let rig = LightRig { exposure: 0.0, ..self.document.shown(emissive) };
+        let per_light = self.looks_at(|view| matches!(view, View::Light(_)));
+        let albedo = self.looks_at(|view| *view == View::Albedo);
+        let down = ctx.input(|input| input.pointer.any_down());
+        let changed = match &self.ordered {
+            None => true,
+            Some(last) => {
+                let same = Arc::ptr_eq(&last.transfer, transfer) && last.rig == rig;
+                !same || last.per_light != per_light || last.albedo != albedo || (last.dragging && !down)
+            }
+        };
+        if let Some(shot) = &self.shot {
+            shot.rest(down && self.ordered.as_ref().is_some_and(|last| last.dragging));
+        }
+        if changed {
+            let moved = self.ordered.as_ref().is_some_and(|last| last.rig != rig);
+            // what follows a drag is the full frame of the same edit, which was on the screen before
+            let asked = moved.then(Instant::now);
+            let order = Order {
+                transfer: Arc::clone(transfer),
+                rig,
+                per_light,
+                albedo,
+                dragging: down && moved,
+                asked,
+                recipe: self.recipe(),
+            };
+            self.lighting.order(order.clone());
+            self.ordered = Some(order);
+        }
+        self.order_truth();
+        self.develop();
+    }
+
+    /// Whether such a view is shown.
+    pub(super) fn looks_at(&self, such: impl Fn(&View) -> bool) -> bool {
+        let [left, right] = &self.views;
+        such(left) || (self.picture.wipe.is_some() && such(right))
+    }
+
+    /// Path traces for as long as the reference is looked at, anew for each rig.
+    fn order_truth(&mut self) {
+        let looked_at = self.looks_at(|view| *view == View::Reference);
+        let full = self.lit.as_ref().filter(|lit| !lit.preview && looked_at);
+        match (full, &self.scene, &self.transfer) {
+            (Some(lit), Some(scene), Some(transfer)) if self.traced.as_ref() != Some(&lit.rig) => {
+                let order = truth::Order {
+                    scene: Arc::clone(scene),
+                    camera: transfer.report.settings.camera,
+                    lit: Arc::clone(lit),
+                };
+                self.traced = Some(lit.rig.clone());
+                self.tracing.order(Some(order));
+            }
+            _ if !looked_at && self.traced.take().is_some() => self.tracing.order(None),
+            _ => {}
+        }
+    }
+
+    /// How the picture is to be shown now.
+    pub(super) fn recipe(&self) -> Recipe {
+        let [left, right] = self.views.clone();
+        Recipe {
+            left,
+            right: self.picture.wipe.map(|_| right),
+            exposure: self.document.rig.exposure,
+            curve: self.preferences.curve.into(),
+            truth: self.truth.as_ref().map(|truth| Arc::clone(&truth.image)),
+            snapshots: self
+                .snapshots
+                .iter()
+                .map(|snapshot| (snapshot.number, Arc::clone(&snapshot.image)))
+                .collect(),
+        }
+    }
+
+    /// Has shown what there is, where it is not shown so already.
+    fn develop(&mut self) {
+        let Some(lit) = &self.lit else { return };
+        let wanted = (Arc::as_ptr(lit), self.recipe());
+        if self.developed.as_ref() != Some(&wanted) {
+            self.negatives += 1;
+            self.developer.order(self.negatives, Arc::clone(lit), wanted.1.clone());
+            self.developed = Some(wanted);
+        }
+    }
+}

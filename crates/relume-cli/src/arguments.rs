@@ -20,6 +20,12 @@ pub(crate) struct Threads {
 }
 
 impl Threads {
+    /// How many; 0 stands for one a processor.
+    #[cfg(feature = "viewer")]
+    pub(crate) fn count(self) -> usize {
+        self.threads.map_or(0, usize::from)
+    }
+
     /// Starts the thread pool that everything runs on.
     ///
     /// # Errors

@@ -150,17 +150,18 @@ impl Window {
         Self { child, lines }
     }
 
-    fn wait_for(&self, beginning: &str) {
+    /// Waits until it has said lines with all these beginnings, in any order: what is prepared already is so before it is seen.
+    fn wait_for(&self, beginnings: &[&str]) {
         let end = Instant::now() + PATIENCE;
-        let mut said = Vec::new();
-        loop {
+        let mut said: Vec<String> = Vec::new();
+        while !beginnings.iter().all(|beginning| said.iter().any(|line| line.starts_with(beginning))) {
             let left = end.saturating_duration_since(Instant::now());
             let line = self.lines.recv_timeout(left);
-            let line = line.unwrap_or_else(|_| panic!("the window never said `{beginning}`, but: {said:#?}"));
-            if line.starts_with(beginning) {
-                return;
-            }
-            said.push(line);
+            said.push(
+                line.unwrap_or_else(|_| {
+                    panic!("the window never said all of {beginnings:?}, but: {said:#?}")
+                }),
+            );
         }
     }
 }
@@ -213,8 +214,7 @@ fn light_the_shot(folder: &Path, size: (u16, u16)) {
     }
     let rig = load_rig(folder.join("rig.toml")).unwrap();
     let mut window = Window::open(&desktop, folder);
-    window.wait_for("first picture");
-    window.wait_for("prepared");
+    window.wait_for(&["first picture", "prepared"]);
     desktop.focus();
     at_rest(&desktop);
     let before = desktop.keep(&format!("window-{name}-opened.png"));

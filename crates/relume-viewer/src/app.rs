@@ -4,21 +4,24 @@ mod files;
 mod layout;
 mod orders;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
 use eframe::egui;
 use relume::glam::Vec3;
 use relume::image::Image;
-use relume::transfer::Report;
+use relume::image::metrics::relative_l2;
+use relume::transfer::{Report, Settings};
 use relume::{Error, LightRig, Result, Scene, Transfer};
 
 use crate::autosave::Autosave;
 use crate::command::Command;
 use crate::develop::{Developer, Histogram, Print, Recipe};
 use crate::dialog::{Dialogs, Purpose, Question};
-use crate::document::{Document, Stage};
+use crate::document::{Document, NewLight, Stage};
 use crate::lighting::{Frame, Lighting, Lit, Order};
 use crate::messages::Messages;
 use crate::panels::Renaming;
@@ -31,6 +34,9 @@ use crate::view::View;
 /// How long after an edit unsaved work is kept for good.
 const AUTOSAVE_AFTER: Duration = Duration::from_millis(700);
 
+/// How long what is typed must stay as it is to be one edit.
+const AT_REST: Duration = Duration::from_millis(500);
+
 /// What to show, and how.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
@@ -38,8 +44,10 @@ pub struct Options {
     pub source: Option<Source>,
     /// The lights; without them the scene's own, or one that shows.
     pub rig: Option<PathBuf>,
-    /// The folder for unsaved edits; `None` keeps none.
+    /// The folder for unsaved edits and what is remembered of the window; `None` keeps no edits.
     pub state: Option<PathBuf>,
+    /// How scenes are prepared that are opened later.
+    pub settings: Settings,
     /// How files are asked for.
     pub dialogs: Dialogs,
     /// Say on stderr how long after this moment pictures come (the first one, the first with indirect light, the last), and in the end how long edits took
@@ -58,6 +66,13 @@ pub struct Viewer {
     /// Something that waits until unsaved edits are saved or given up.
     pending: Option<Pending>,
     may_close: bool,
+    /// Edits from before a crash, which wait for the lights that they are edits of.
+    recovered: Option<LightRig>,
+    /// What the rig was when the window was drawn last, and since when it is so.
+    seen: (LightRig, Instant),
+    /// Names in the rig that the shot has not, which were told.
+    unknown: BTreeSet<String>,
+    written: (Sender<Result<PathBuf>>, Receiver<Result<PathBuf>>),
     /// Whether the worker that relights has failed.
     is_dark: bool,
     theme: egui::ThemePreference,
@@ -96,6 +111,8 @@ pub struct Viewer {
     latencies: Vec<Duration>,
     tracing: PathTracing,
     truth: Option<Truth>,
+    /// How far the picture is from it, of which frame and after how many paths.
+    off: Option<(*const Frame, u32, f64)>,
     traced: Option<LightRig>,
 
     picture: Picture,
@@ -124,7 +141,6 @@ pub enum Pane {
 enum Pending {
     Close,
     Rig(PathBuf),
-    Shot(PathBuf),
 }
 
 impl Viewer {
@@ -151,6 +167,10 @@ impl Viewer {
             question: Question::default(),
             pending: None,
             may_close: false,
+            recovered: None,
+            seen: (document.rig.clone(), Instant::now()),
+            unknown: BTreeSet::new(),
+            written: channel(),
             is_dark: false,
             theme: preferences.theme,
             shown_title: String::new(),
@@ -178,6 +198,7 @@ impl Viewer {
             latencies: Vec::new(),
             tracing: PathTracing::start(wake()).map_err(threads)?,
             truth: None,
+            off: None,
             traced: None,
             picture: Picture::default(),
             views: [View::Full, View::Direct],
@@ -186,8 +207,9 @@ impl Viewer {
             preferences,
             options,
         };
-        if let Some(source) = viewer.options.source.clone() {
-            viewer.open_shot(&ctx, source);
+        match viewer.options.source.clone() {
+            Some(source) => viewer.open_shot(&ctx, source),
+            None => viewer.recover(),
         }
         Ok(viewer)
     }
@@ -230,13 +252,35 @@ impl Viewer {
             self.show(ctx, print);
         }
         match self.tracing.next() {
-            Some(Ok(truth)) => self.truth = Some(truth),
+            // of a shot that was closed meanwhile, or not
+            Some(Ok(truth)) if self.scene.as_ref().is_some_and(|scene| Arc::ptr_eq(scene, &truth.scene)) => {
+                self.truth = Some(truth);
+            }
+            Some(Ok(_)) => {}
             Some(Err(error)) => self.messages.error(&error),
             None => {}
+        }
+        self.compare();
+        while let Ok(written) = self.written.1.try_recv() {
+            match written {
+                Ok(path) => self.messages.notice(format!("Wrote {}", path.display())),
+                Err(error) => self.messages.error(&error),
+            }
         }
         if let Some(again) = self.messages.age() {
             ctx.request_repaint_after(again);
         }
+    }
+
+    /// How far the picture that is shown is from the reference of its lights.
+    fn compare(&mut self) {
+        let (Some(truth), Some(lit)) = (&self.truth, &self.lit) else { return self.off = None };
+        let of = (Arc::as_ptr(lit), truth.paths);
+        if truth.rig != lit.rig || self.off.is_some_and(|(frame, paths, _)| (frame, paths) == of) {
+            return;
+        }
+        let error = relative_l2(&lit.layers.full(), &truth.image).unwrap_or(f64::NAN);
+        self.off = Some((of.0, of.1, error));
     }
 
     /// Takes up a picture that was lit.
@@ -270,21 +314,18 @@ impl Viewer {
         match event {
             Event::Scene(scene, warnings) => {
                 warnings.into_iter().for_each(|warning| self.messages.warn(warning));
-                if self.wants_lights && !scene.lights.lights.is_empty() {
+                if self.wants_lights && self.document.is_untouched() && !scene.lights.lights.is_empty() {
                     self.document = Document::new(scene.lights.clone(), None);
-                    self.wants_lights = false;
+                    self.base_is_known();
                 }
                 self.scene = Some(scene);
+                self.make_light();
             }
             Event::Transfer(transfer) => {
-                let first = self.transfer.is_none();
                 self.emissive = transfer.emissive_materials();
                 self.shown_materials = transfer.shown_materials();
                 self.transfer = Some(transfer);
-                if first {
-                    self.check_materials();
-                    self.make_light();
-                }
+                self.make_light();
             }
             Event::Ready(kept) => {
                 if let Some(kept) = kept {
@@ -301,13 +342,25 @@ impl Viewer {
     fn make_light(&mut self) {
         let scene_is_read =
             self.scene.is_some() || self.shot.as_ref().is_some_and(|shot| !shot.source().is_scene());
+        if !self.wants_lights || !scene_is_read || self.transfer.is_none() {
+            return;
+        }
         let shines = !self.emissive.is_empty();
-        if self.wants_lights && scene_is_read && self.document.rig.lights.is_empty() && !shines {
+        if self.document.is_untouched() && self.document.rig.lights.is_empty() && !shines {
             let stage = self.stage();
-            self.document.add(crate::document::NewLight::Omni, stage);
+            self.document.add(NewLight::Omni, stage);
             self.document = Document::new(self.document.rig.clone(), None);
         }
-        self.wants_lights &= !scene_is_read;
+        self.base_is_known();
+    }
+
+    /// Takes up what was recovered, once it is known of what it is an edit.
+    fn base_is_known(&mut self) {
+        self.wants_lights = false;
+        if let Some(rig) = self.recovered.take().filter(|rig| *rig != self.document.rig) {
+            self.document.recover(rig);
+            self.messages.warn("Edits that were never saved are here again; Edit, Undo drops them");
+        }
     }
 
     fn tell_moments(&mut self) {
@@ -344,8 +397,16 @@ impl Viewer {
 
     /// Notes edits once they are at rest, and keeps them for good a little later.
     fn keep(&mut self, ctx: &egui::Context) {
-        let at_work = ctx.input(|input| input.pointer.any_down()) || ctx.egui_wants_keyboard_input();
-        if !at_work && self.document.note() {
+        if self.seen.0 != self.document.rig {
+            self.seen = (self.document.rig.clone(), Instant::now());
+        }
+        // a value is being typed for as long as it changes, whatever has the keyboard then
+        let rests = AT_REST.saturating_sub(self.seen.1.elapsed());
+        let typed = ctx.egui_wants_keyboard_input() && !rests.is_zero();
+        if typed {
+            ctx.request_repaint_after(rests);
+        }
+        if !typed && !ctx.input(|input| input.pointer.any_down()) && self.document.note() {
             self.edited = Some(Instant::now());
         }
         let Some(edited) = self.edited else { return };
@@ -434,12 +495,25 @@ impl Viewer {
 
     /// Of the path-traced picture: paths a pixel, relative L2 of its noise, and of the relit picture against it.
     pub fn reference(&self) -> Option<(u32, f64, f64)> {
-        self.truth.as_ref().map(|truth| (truth.paths, truth.noise, truth.error))
+        let truth = self.truth.as_ref()?;
+        Some((truth.paths, truth.noise, self.off?.2))
     }
 
     /// Whether that is of the lights that are lit now.
     pub fn reference_is_current(&self) -> bool {
-        self.truth.as_ref().zip(self.lit.as_ref()).is_some_and(|(truth, lit)| truth.rig == lit.rig)
+        self.off.zip(self.lit.as_ref()).is_some_and(|((frame, ..), lit)| frame == Arc::as_ptr(lit))
+    }
+
+    /// How long edits took to be seen, the newest last.
+    pub fn latencies(&self) -> &[Duration] {
+        &self.latencies
+    }
+
+    /// Where the selected light stands in the picture, pixels from its top left corner; `None` of light from far away, and behind the camera.
+    pub fn handle(&self) -> Option<relume::glam::Vec2> {
+        let view = &self.transfer.as_ref()?.view;
+        let light = self.document.rig.lights.get(self.document.selected?)?;
+        view.camera.project(light.position()?, view.width, view.height).map(|(at, _)| at)
     }
 
     /// Whether all that was asked for is there to be seen: the newest edit, in full.

@@ -8,7 +8,7 @@ use relume::{Error, LightRig, Result, atomic_write};
 use relume_io::{parse_rig, rig_to_toml};
 
 /// The file in which edits of one rig are kept while it is open.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Autosave {
     file: PathBuf,
     /// The rig's own file, or that of the shot for a rig that has none: what maps of domes are named from.
@@ -48,6 +48,15 @@ impl Autosave {
         atomic_write(&self.file, |file| file.write_all(text.as_bytes()).map_err(refused))
     }
 
+    /// Puts what cannot be read out of the way, and returns where it is: someone may mend it.
+    pub(crate) fn set_aside(&self) -> PathBuf {
+        let aside = (1..).map(|number| self.file.with_extension(format!("unreadable-{number}.toml")));
+        let aside = aside.into_iter().find(|path| !path.exists()).unwrap_or_default();
+        // where that fails it stays, and is told again
+        let _ = std::fs::rename(&self.file, &aside);
+        aside
+    }
+
     /// Forgets what was kept: it is saved, or was thrown away.
     pub(crate) fn forget(&self) {
         // A file that cannot be removed is offered again: a nuisance, but no loss.
@@ -75,5 +84,8 @@ mod tests {
         autosave.forget();
         std::fs::write(&autosave.file, "exposure = \n").unwrap();
         assert!(autosave.recovered().is_err());
+        let aside = autosave.set_aside();
+        assert_eq!(std::fs::read_to_string(aside).unwrap(), "exposure = \n");
+        assert_eq!(autosave.recovered().unwrap(), None);
     }
 }

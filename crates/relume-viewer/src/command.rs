@@ -98,7 +98,7 @@ impl Command {
             Self::Save => "Write the lights to their TOML file",
             Self::SaveAs => "Write the lights to another file",
             Self::ExportImage => {
-                "Write what the camera sees: .exr with a layer a light, or .png as it is shown"
+                "Write what the camera sees: .exr with direct and indirect light in layers, or .png as it is shown"
             }
             Self::Close => "Close the window",
             Self::Undo => "Take back the last edit",
@@ -117,7 +117,7 @@ impl Command {
             Self::Actual => "Show a pixel of the picture as a pixel of the screen",
             Self::Wipe => "Compare two views side by side; drag the line between them",
             Self::ShowLights => "Draw lights and their handles in the picture",
-            Self::Snapshot => "Keep the picture as it is now, to compare with later",
+            Self::Snapshot => "Keep all light as it is now, to compare with later",
             Self::Help => "Every key, and what the pointer does",
         }
     }

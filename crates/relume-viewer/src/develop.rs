@@ -102,13 +102,17 @@ impl Drop for Developer {
 }
 
 impl Recipe {
-    /// Develops a frame. Until a reference is there, what it will be compared with is shown.
+    /// Develops a frame.
     pub(crate) fn print(&self, frame: &Arc<Frame>) -> Print {
-        let full = || Source { light: LightOf::Full(Arc::clone(frame)), scale: Scale::Exposed };
-        let left = self.source(&self.left, frame).unwrap_or_else(full);
-        let right = self.right.as_ref().map(|right| self.source(right, frame).unwrap_or_else(full));
+        // what is not there is black, and its name says so
+        let none = || {
+            let (width, height) = (frame.layers.direct.width, frame.layers.direct.height);
+            Source { light: LightOf::Image(Image::new(width, height).into()), scale: Scale::Plain }
+        };
+        let left = self.source(&self.left, frame).unwrap_or_else(none);
+        let right = self.right.as_ref().map(|right| self.source(right, frame).unwrap_or_else(none));
         let image = left.light.image();
-        let exposure = if left.scale == Scale::Exposed { self.exposure } else { 0.0 };
+        let exposure = if matches!(left.scale, Scale::Exposed | Scale::Stops) { self.exposure } else { 0.0 };
         Print {
             left: self.colors(&image, left.scale).into(),
             right: right.map(|right| self.colors(&right.light.image(), right.scale).into()),

@@ -97,6 +97,11 @@ impl Document {
         name.map_or("untitled rig".to_owned(), |name| name.to_string_lossy().into_owned())
     }
 
+    /// Whether nobody has done anything to it.
+    pub(crate) fn is_untouched(&self) -> bool {
+        !self.is_changed() && self.history.undoes().is_none()
+    }
+
     /// Whether there is anything that its file has not.
     pub(crate) fn is_changed(&self) -> bool {
         self.rig != self.saved
@@ -116,9 +121,11 @@ impl Document {
     pub(crate) fn save(&mut self, path: &Path) -> Result<()> {
         let moved = maps_from(&self.rig, self.path.as_deref(), path);
         save_rig(&moved, path)?;
+        self.note();
         if moved != self.rig {
+            // of every step, so that what is undone finds its maps as well
+            self.history.each(|rig| maps_from(rig, self.path.as_deref(), path));
             self.rig = moved;
-            self.note();
         }
         self.path = Some(path.to_owned());
         self.saved = self.rig.clone();
@@ -233,6 +240,11 @@ impl Document {
             self.rig.lights.insert(to, light);
             self.selected = Some(to);
         }
+    }
+
+    /// Where the light of that name is.
+    pub(crate) fn place(&self, name: &str) -> Option<usize> {
+        self.rig.lights.iter().position(|light| light.name == name)
     }
 
     /// Gives the light at `index` another name.
@@ -405,7 +417,12 @@ mod tests {
         let mut document = Document::open(&old.join("rig.toml")).unwrap();
         document.save(&old.join("copy.toml")).unwrap();
         assert!(std::fs::read_to_string(old.join("copy.toml")).unwrap().contains("\"sky.hdr\""));
+        document.rig.exposure = 1.0;
+        document.note();
         document.save(&new.join("moved.toml")).unwrap();
+        document.undo();
+        document.save(&new.join("undone.toml")).unwrap();
+        assert!(Document::open(&new.join("undone.toml")).is_ok(), "what was undone has its map as well");
         assert!(Document::open(&new.join("moved.toml")).is_ok(), "the map is found from there");
         document.save(&old.join("back.toml")).unwrap();
         assert!(std::fs::read_to_string(old.join("back.toml")).unwrap().contains("\"sky.hdr\""));

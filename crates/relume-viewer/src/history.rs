@@ -43,6 +43,12 @@ impl History {
         true
     }
 
+    /// Changes the rig at every step.
+    pub(crate) fn each(&mut self, change: impl Fn(&LightRig) -> LightRig) {
+        let steps = self.undo.iter_mut().chain(&mut self.redo).map(|step| &mut step.rig);
+        steps.chain([&mut self.now]).for_each(|rig| *rig = change(rig));
+    }
+
     /// What would be undone.
     pub(crate) fn undoes(&self) -> Option<&str> {
         self.undo.last().map(|step| step.name.as_str())

@@ -59,7 +59,12 @@ pub fn run(options: Options) -> Result<()> {
         .with_min_inner_size([640.0, 400.0])
         .with_drag_and_drop(true);
     // without dithering the screen shows the very values that the picture was developed to
-    let native = eframe::NativeOptions { viewport, dithering: false, ..eframe::NativeOptions::default() };
+    let native = eframe::NativeOptions {
+        viewport,
+        dithering: false,
+        persistence_path: options.state.as_ref().map(|state| state.join("window.ron")),
+        ..eframe::NativeOptions::default()
+    };
     let mut refused = None;
     let create = |context: &eframe::CreationContext<'_>| match Viewer::new(context, options) {
         Ok(viewer) => Ok(Box::new(viewer) as Box<dyn eframe::App>),

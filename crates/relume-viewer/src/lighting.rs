@@ -159,7 +159,8 @@ impl Worker {
                     stats: *relighter.stats(),
                     layers,
                     preview,
-                    asked: order.asked,
+                    // what follows a coarse frame is the same edit, which was seen
+                    asked: order.asked.filter(|_| preview || !order.dragging),
                 });
                 Ok(Lit { print: order.recipe.print(&frame), recipe: order.recipe.clone(), frame })
             }

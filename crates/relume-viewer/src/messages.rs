@@ -6,7 +6,7 @@ use relume::Error;
 
 /// How long good news stays.
 const GOOD_NEWS: Duration = Duration::from_secs(6);
-/// Messages that are kept; of more, the oldest go.
+/// Messages that are kept; of more, the oldest that are no errors go.
 const MOST: usize = 20;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,7 +34,11 @@ impl Messages {
     fn add(&mut self, kind: Kind, text: String) {
         self.0.retain(|message| message.text != text);
         if self.0.len() >= MOST {
-            self.0.remove(0);
+            // errors stay until they are read
+            let oldest = [Kind::Notice, Kind::Warning]
+                .into_iter()
+                .find_map(|kind| self.0.iter().position(|message| message.kind == kind));
+            oldest.map(|oldest| self.0.remove(oldest));
         }
         self.0.push(Message { kind, text, since: Instant::now() });
     }

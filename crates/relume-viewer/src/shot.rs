@@ -24,8 +24,11 @@ pub struct Source {
     pub path: PathBuf,
     /// The camera of the scene, by name or number; `None` for the first.
     pub camera: Option<String>,
-    /// Where the transfer of a scene is kept; `None` for the scene's name with the ending `.relume`, beside it.
+    /// Where the transfer of a scene is kept. `None` for the scene's name with the ending `.relume`, beside it; or, where that is of other settings or no cache
+    /// at all, `.view.relume`.
     pub cache: Option<PathBuf>,
+    /// Threads to prepare on; 0 stands for one a processor.
+    pub threads: usize,
     /// How a scene is prepared; its `camera` is that of [`Self::camera`].
     pub settings: Settings,
 }
@@ -33,7 +36,7 @@ pub struct Source {
 impl Source {
     /// A file, with default settings.
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), camera: None, cache: None, settings: Settings::default() }
+        Self { path: path.into(), camera: None, cache: None, threads: 0, settings: Settings::default() }
     }
 
     /// Whether it is a scene, by its ending.
@@ -42,12 +45,11 @@ impl Source {
         ending.is_some_and(|ending| SCENES.contains(&&*ending))
     }
 
-    /// The file that the transfer is read from, and kept in.
-    pub fn cache(&self) -> PathBuf {
+    /// The files that the transfer may be in, those that may be replaced by another one last.
+    fn caches(&self) -> Vec<PathBuf> {
         match &self.cache {
-            _ if !self.is_scene() => self.path.clone(),
-            Some(cache) => cache.clone(),
-            None => self.path.with_extension("relume"),
+            Some(cache) => vec![cache.clone()],
+            None => ["relume", "view.relume"].map(|ending| self.path.with_extension(ending)).into(),
         }
     }
 }
@@ -71,14 +73,58 @@ pub(crate) enum Event {
 pub(crate) enum Stage {
     /// A file is being read.
     Reading,
-    /// The transfer is being prepared: the stage at work, and since when.
-    Preparing(Status, Instant),
+    /// The transfer is being prepared.
+    Preparing(Work),
     /// The cache is being written.
     Saving,
     /// Nothing is left to do.
     Ready,
     /// It was cancelled, or has failed: what is there can be lit.
     Stopped,
+}
+
+/// A preparation at work.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Work {
+    /// The stage at work.
+    pub(crate) status: Status,
+    /// How long the preparation has been at it, all stages told.
+    pub(crate) for_so_long: Duration,
+    /// How much longer the stage will take, as far as it has shown.
+    pub(crate) left: Option<Duration>,
+}
+
+/// When the preparation began, and the stage that it was seen at last.
+struct Clock {
+    began: Instant,
+    read: Instant,
+    stage: (String, Instant),
+}
+
+impl Clock {
+    fn new() -> Self {
+        let now = Instant::now();
+        Self { began: now, read: now, stage: (String::new(), now) }
+    }
+
+    fn read(&mut self, status: Status) -> Work {
+        let now = Instant::now();
+        if self.stage.0 != status.stage {
+            self.stage = (status.stage.clone(), now);
+        }
+        // at rest, time stands still
+        let passed = now - std::mem::replace(&mut self.read, now);
+        if status.paused {
+            self.began += passed;
+            self.stage.1 += passed;
+        }
+        let share = status.done as f64 / status.of.max(1) as f64;
+        let spent = now - self.stage.1.min(now);
+        // the first steps tell little
+        let left = (share > 0.02 && spent > Duration::from_secs(1))
+            .then(|| spent.mul_f64((1.0 - share.min(1.0)) / share));
+        Work { status, for_so_long: now - self.began.min(now), left }
+    }
 }
 
 /// An open shot, for as long as this lives.
@@ -90,6 +136,7 @@ pub(crate) struct Shot {
 
 struct Shared {
     stage: Mutex<Stage>,
+    clock: Mutex<Option<Clock>>,
     preparing: Mutex<Option<Preparing>>,
     /// Whether whoever is at the window has paused it.
     paused: AtomicBool,
@@ -109,6 +156,7 @@ impl Shot {
         let (sender, events) = channel();
         let shared = Arc::new(Shared {
             stage: Mutex::new(Stage::Reading),
+            clock: Mutex::new(None),
             preparing: Mutex::new(None),
             paused: AtomicBool::new(false),
             resting: AtomicBool::new(false),
@@ -149,10 +197,12 @@ impl Shot {
 
     pub(crate) fn stage(&self) -> Stage {
         let stage = lock(&self.shared.stage).clone();
-        match (stage, lock(&self.shared.preparing).as_ref()) {
-            (Stage::Preparing(_, since), Some(preparing)) => Stage::Preparing(preparing.status(), since),
-            (stage, _) => stage,
-        }
+        let Stage::Preparing(before) = stage else { return stage };
+        let status = lock(&self.shared.preparing).as_ref().map(Preparing::status);
+        Stage::Preparing(match (status, &mut *lock(&self.shared.clock)) {
+            (Some(status), Some(clock)) => clock.read(status),
+            _ => before,
+        })
     }
 
     /// Whether whoever is at the window has paused the preparation.
@@ -229,66 +279,109 @@ impl Opening {
 
     /// Everything up to the last transfer; returns where that was written, if it was.
     fn opened(&self) -> Result<Option<PathBuf>> {
-        let cache = self.source.cache();
+        let path = &self.source.path;
         if !self.source.is_scene() {
-            self.tell(Event::Transfer(Arc::new(Transfer::load(&cache)?)));
+            self.tell(Event::Transfer(Arc::new(Transfer::load(path)?)));
             return Ok(None);
         }
-        let known = self.known(&cache);
-        if let Some(known) = &known {
-            // before the scene is read: the next opening is instant
+        let (cache, known) = self.known()?;
+        // before the scene is read, so that the next opening is instant; of a named camera the scene has to tell the number
+        let shown = known.filter(|known| {
+            self.source.camera.is_none() && known.report.settings.camera == self.source.settings.camera
+        });
+        if let Some(known) = &shown {
             self.tell(Event::Transfer(Arc::clone(known)));
         }
-        let imported = load_scene(&self.source.path)?;
+        let imported = load_scene(path)?;
         let scene = Arc::new(imported.scene);
         self.tell(Event::Scene(Arc::clone(&scene), imported.warnings));
-        let camera = scene.find_camera(self.source.camera.as_deref());
-        let camera = camera.map_err(|message| Error::file(&self.source.path, message))?;
+        let camera = match &self.source.camera {
+            Some(camera) => scene.find_camera(Some(camera)).map_err(|message| Error::file(path, message))?,
+            None => self.source.settings.camera,
+        };
         let settings = Settings { camera, ..self.source.settings.clone() };
-        if let Some(known) = known {
-            if preparation(&scene, &self.source.path, &settings).would_make(&known)? {
+        if let Some(known) = shown.or_else(|| Transfer::load(&cache).ok().map(Arc::new)) {
+            if preparation(&scene, path, &settings).would_make(&known)? {
+                if self.source.camera.is_some() {
+                    self.tell(Event::Transfer(known));
+                }
                 return Ok(None);
             }
-            let name = self.source.path.display();
             self.tell(Event::Notice(format!(
-                "{name} has changed since it was prepared, and is prepared again"
+                "{} has changed since it was prepared, and is prepared again",
+                path.display()
             )));
         }
         self.prepare(scene, settings, &cache).map(Some)
     }
 
-    /// What lies in the cache, if it was made by the same settings. A file that cannot be used is told, and replaced in the end.
-    fn known(&self, cache: &Path) -> Option<Arc<Transfer>> {
-        if !cache.exists() {
-            return None;
-        }
-        match Transfer::load(cache) {
-            Ok(transfer) => {
-                let made_by = &transfer.report.settings;
-                let wanted = Settings { camera: made_by.camera, ..self.source.settings.clone() };
-                let same = *made_by == wanted;
-                if !same {
-                    let name = cache.display();
-                    self.tell(Event::Notice(format!(
-                        "{name} was prepared with other settings, and will be replaced"
-                    )));
+    /// Where the transfer is kept, and what lies there already that was made by the same settings, whatever its camera. What was made by others is left alone.
+    ///
+    /// # Errors
+    /// [`Error::File`] where the file that was asked for is something else.
+    fn known(&self) -> Result<(PathBuf, Option<Arc<Transfer>>)> {
+        let mut left_alone = None;
+        for cache in self.source.caches() {
+            if !cache.exists() {
+                return Ok((cache, None));
+            }
+            let why = match Transfer::load(&cache) {
+                Ok(transfer) => {
+                    let made_by = &transfer.report.settings;
+                    if *made_by == (Settings { camera: made_by.camera, ..self.source.settings.clone() }) {
+                        return Ok((cache, Some(Arc::new(transfer))));
+                    }
+                    "was prepared with other settings".to_owned()
                 }
-                same.then(|| Arc::new(transfer))
-            }
-            Err(error) => {
-                self.tell(Event::Notice(format!("the cache is made anew: {error}")));
-                None
-            }
+                Err(error) => format!("cannot be used ({error})"),
+            };
+            left_alone = Some((cache, why));
         }
+        // the last of them is this window's own, unless it was named
+        let (cache, why) = left_alone.unwrap_or_default();
+        if self.source.cache.is_some() {
+            return Err(Error::file(cache, format!("{why}; name another cache, or remove this one")));
+        }
+        Ok((cache, None))
     }
 
     fn prepare(&self, scene: Arc<Scene>, settings: Settings, cache: &Path) -> Result<PathBuf> {
-        let (path, blocks) = (self.source.path.clone(), cache.with_extension(BLOCKS));
-        let kept = blocks.clone();
-        let preparing = Preparing::start(scene, 0, move |scene| {
-            preparation(scene, &path, &settings).checkpoint(kept).direct_first()
+        let blocks = cache.with_extension(BLOCKS);
+        let begun = self.prepare_with(&scene, &settings, Some(&blocks));
+        let transfer = match begun {
+            // a folder that cannot be written, or blocks that another window is at: nothing is kept on the way, but all can be lit
+            Err(error) if is_about(&error, &blocks) => {
+                self.tell(Event::Notice(format!("finished parts are not kept: {error}")));
+                self.prepare_with(&scene, &settings, None)
+            }
+            transfer => transfer,
+        }?;
+        self.shared.set(Stage::Saving);
+        (self.wake)();
+        transfer.save(cache)?;
+        // A file that stays is read, found to be of the same preparation, and removed the next time.
+        let _ = std::fs::remove_file(&blocks);
+        Ok(cache.to_owned())
+    }
+
+    fn prepare_with(
+        &self,
+        scene: &Arc<Scene>,
+        settings: &Settings,
+        blocks: Option<&Path>,
+    ) -> Result<Arc<Transfer>> {
+        let (path, settings, blocks) =
+            (self.source.path.clone(), settings.clone(), blocks.map(Path::to_owned));
+        let preparing = Preparing::start(Arc::clone(scene), self.source.threads, move |scene| {
+            let preparation = preparation(scene, &path, &settings).direct_first();
+            match blocks {
+                Some(blocks) => preparation.checkpoint(blocks),
+                None => preparation,
+            }
         })?;
-        self.shared.set(Stage::Preparing(Status::default(), Instant::now()));
+        let mut clock = Clock::new();
+        self.shared.set(Stage::Preparing(clock.read(Status::default())));
+        *lock(&self.shared.clock) = Some(clock);
         *lock(&self.shared.preparing) = Some(preparing);
         self.shared.rest();
         if self.shared.cancelled.load(Ordering::Relaxed) {
@@ -314,14 +407,13 @@ impl Opening {
             drop(slot);
             std::thread::sleep(ASKED_EVERY);
         };
-        let transfer = preparing.wait()?;
-        self.shared.set(Stage::Saving);
-        (self.wake)();
-        transfer.save(cache)?;
-        // A file that stays is read, found to be of the same preparation, and removed the next time.
-        let _ = std::fs::remove_file(&blocks);
-        Ok(cache.to_owned())
+        preparing.wait()
     }
+}
+
+/// Whether an error is of this file.
+fn is_about(error: &Error, file: &Path) -> bool {
+    matches!(error, Error::File { path, .. } | Error::Io { path, .. } if path == file)
 }
 
 fn preparation<'a>(scene: &'a Scene, path: &Path, settings: &Settings) -> Preparation<'a> {

@@ -4,7 +4,6 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 use relume::image::Image;
-use relume::image::metrics::relative_l2;
 use relume::reference::{Progressive, Settings};
 use relume::scene::Geometry;
 use relume::trace::Accel;
@@ -29,14 +28,13 @@ pub(crate) struct Order {
 
 /// One that is there.
 pub(crate) struct Truth {
+    pub(crate) scene: Arc<Scene>,
     pub(crate) rig: LightRig,
     pub(crate) image: Arc<Image>,
     /// Paths a pixel.
     pub(crate) paths: u32,
     /// Relative L2 of the image's own noise.
     pub(crate) noise: f64,
-    /// Relative L2 of the relit image against it, noise and all.
-    pub(crate) error: f64,
 }
 
 /// The worker, for as long as this lives.
@@ -47,11 +45,15 @@ pub(crate) struct PathTracing {
 
 impl PathTracing {
     /// Starts it; `wake` is called whenever there is something to [`Self::next`].
-    pub(crate) fn start(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+    pub(crate) fn start(wake: impl Fn() + Send + Sync + 'static) -> std::io::Result<Self> {
         let orders = Arc::new(Mailbox::default());
         let (sender, truths) = channel();
+        // not the pool of frames, which would wait for its tiles
+        let pool =
+            rayon::ThreadPoolBuilder::new().thread_name(|number| format!("path tracing {number}")).build();
+        let pool = pool.map_err(std::io::Error::other)?;
         let worker = Worker { orders: Arc::clone(&orders), truths: sender, wake: Box::new(wake) };
-        std::thread::Builder::new().name("path tracing".to_owned()).spawn(move || worker.run())?;
+        std::thread::Builder::new().name("path tracing".to_owned()).spawn(move || worker.run(&pool))?;
         Ok(Self { orders, truths })
     }
 
@@ -75,7 +77,7 @@ impl Drop for PathTracing {
 struct Worker {
     orders: Arc<Mailbox<Option<Order>>>,
     truths: Sender<Result<Truth>>,
-    wake: Box<dyn Fn() + Send>,
+    wake: Box<dyn Fn() + Send + Sync>,
 }
 
 struct Abandon<'a>(&'a Mailbox<Option<Order>>);
@@ -87,7 +89,7 @@ impl Progress for Abandon<'_> {
 }
 
 impl Worker {
-    fn run(self) {
+    fn run(self, pool: &rayon::ThreadPool) {
         let mut known: Option<(Arc<Scene>, Geometry, Accel)> = None;
         while let Some(order) = self.orders.take() {
             let Some(order) = order else { continue };
@@ -97,7 +99,7 @@ impl Worker {
                 let accel = Accel::new(&order.scene, &geometry);
                 (Arc::clone(&order.scene), geometry, accel)
             }));
-            match self.refine(&order, geometry, accel) {
+            match pool.install(|| self.refine(&order, geometry, accel)) {
                 Ok(()) | Err(Error::Cancelled) => {}
                 Err(error) => self.tell(Err(error)),
             }
@@ -119,9 +121,8 @@ impl Worker {
         while progressive.paths() < MOST {
             let reference = progressive.refine(scene, geometry, accel, &lit.rig, &Abandon(&self.orders))?;
             let (image, noise) = (reference.layers.full(), reference.noise.full);
-            let error = relative_l2(&lit.layers.full(), &image)?;
             let (rig, image, paths) = (lit.rig.clone(), Arc::new(image), progressive.paths());
-            self.tell(Ok(Truth { rig, image, paths, noise, error }));
+            self.tell(Ok(Truth { scene: Arc::clone(scene), rig, image, paths, noise }));
         }
         Ok(())
     }

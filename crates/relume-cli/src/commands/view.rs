@@ -35,7 +35,7 @@ pub(crate) struct Arguments {
     /// Where the prepared scene is kept [default: the scene's name with the ending .relume, beside it].
     #[arg(long, value_name = "CACHE.relume")]
     cache: Option<PathBuf>,
-    /// The folder for unsaved edits [default: where the system keeps such things].
+    /// The folder for unsaved edits, and for what is remembered of the window [default: where the system keeps such things].
     #[arg(long, value_name = "FOLDER")]
     state: Option<PathBuf>,
     /// Say on stderr after how many seconds the first picture, the first indirect light and the last transfer were there, and in the end how long edits took to be seen.
@@ -71,6 +71,7 @@ pub(crate) fn run(_: &Arguments, _: &Console) -> Result<()> {
 
 #[cfg(feature = "viewer")]
 pub(crate) fn run(arguments: &Arguments, _: &Console) -> Result<()> {
+    use crate::output::check_output;
     use relume::transfer::{Quality, Settings};
     use relume_viewer::{Dialogs, Options, Source};
 
@@ -78,6 +79,9 @@ pub(crate) fn run(arguments: &Arguments, _: &Console) -> Result<()> {
     if let Some(shot) = &arguments.shot {
         // told here, and not in a window that has nothing to show
         std::fs::File::open(shot).map_err(|error| relume::Error::io(shot, "read", error))?;
+    }
+    if let Some(cache) = &arguments.cache {
+        check_output(cache, "a cache", &["relume"], &[])?;
     }
     arguments.threads.start()?;
     let settings = Settings {
@@ -93,10 +97,11 @@ pub(crate) fn run(arguments: &Arguments, _: &Console) -> Result<()> {
     let source = arguments.shot.as_ref().map(|path| Source {
         camera: arguments.camera.clone(),
         cache: arguments.cache.clone(),
-        settings,
+        threads: arguments.threads.count(),
+        settings: settings.clone(),
         ..Source::new(path)
     });
     let state = arguments.state.clone().or_else(relume_viewer::state_folder);
     let rig = arguments.rig.clone();
-    relume_viewer::run(Options { source, rig, state, dialogs: Dialogs::Native, times })
+    relume_viewer::run(Options { source, rig, state, settings, dialogs: Dialogs::Native, times })
 }

@@ -2,26 +2,36 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Instant;
 
 use eframe::egui;
 use relume::glam::Vec3;
 use relume::image::display;
 use relume::{Error, LightKind};
-use relume_io::{ExrMeta, check_materials, read_environment, write_exr, write_png};
+use relume_io::{ExrMeta, read_environment, write_exr, write_png};
 
 use super::{Pending, Viewer};
 use crate::autosave::Autosave;
 use crate::dialog::Purpose;
 use crate::document::{Document, NewLight};
 use crate::shot::{Shot, Source};
+use crate::view::View;
 
 impl Viewer {
     /// Opens a shot in place of the one that is open. The lights stay.
     pub(super) fn open_shot(&mut self, ctx: &egui::Context, source: Source) {
+        self.document.note();
         let wake = ctx.clone();
         (self.scene, self.transfer, self.lit, self.ordered) = (None, None, None, None);
-        (self.truth, self.traced, self.developed) = (None, None, None);
+        (self.truth, self.traced, self.developed, self.print) = (None, None, None, None);
+        self.tracing.order(None);
+        // prints that are still to come are of the shot before
+        self.negatives += 1;
+        self.printed = self.negatives;
+        self.picture.clear();
         self.snapshots.clear();
+        self.views = [View::Full, View::Direct];
+        self.unknown.clear();
         self.preferences.remember(&source.path);
         let path = source.path.clone();
         match Shot::open(source, move || wake.request_repaint()) {
@@ -31,25 +41,36 @@ impl Viewer {
         self.recover();
     }
 
-    /// Takes up edits that were never saved.
+    /// Finds where unsaved edits are kept from now on, and takes up those that were never saved.
     pub(super) fn recover(&mut self) {
         let shot = self.shot.as_ref().map(|shot| shot.source().path.clone());
         let of = self.document.path().map(Path::to_owned).or(shot);
-        self.autosave = self.options.state.as_ref().zip(of).map(|(state, of)| {
-            let folder = state.join("unsaved");
-            Autosave::new(&folder, &of)
-        });
+        let autosave =
+            self.options.state.as_ref().zip(of).map(|(state, of)| Autosave::new(&state.join("unsaved"), &of));
+        if autosave == self.autosave {
+            return;
+        }
+        let before = std::mem::replace(&mut self.autosave, autosave);
         let Some(autosave) = &self.autosave else { return };
+        if !self.document.is_untouched() {
+            // edits of today go before those of another day, which are left where they are until these are saved
+            self.edited = Some(Instant::now());
+            before.iter().for_each(Autosave::forget);
+            return;
+        }
         match autosave.recovered() {
-            Ok(Some(rig)) if rig != self.document.rig => {
-                self.document.recover(rig);
-                self.wants_lights = false;
-                self.messages.warn("Edits that were never saved are here again; Edit, Undo drops them");
+            Ok(Some(rig)) => {
+                self.recovered = Some(rig);
+                if !self.wants_lights {
+                    self.base_is_known();
+                }
             }
-            Ok(_) => {}
+            Ok(None) => {}
             Err(error) => {
-                autosave.forget();
+                let aside = autosave.set_aside();
                 self.messages.error(&error);
+                self.messages
+                    .warn(format!("Unsaved edits could not be read; they are in {}", aside.display()));
             }
         }
     }
@@ -57,33 +78,15 @@ impl Viewer {
     pub(super) fn open_rig(&mut self, path: &Path) {
         match Document::open(path) {
             Ok(document) => {
-                if let Some(autosave) = &self.autosave {
-                    autosave.forget();
-                }
+                // whoever had edits there was asked
+                self.autosave.take().iter().for_each(Autosave::forget);
                 self.document = document;
                 self.wants_lights = false;
+                self.unknown.clear();
                 self.preferences.remember(path);
-                self.check_materials();
                 self.recover();
             }
             Err(error) => self.messages.error(&error),
-        }
-    }
-
-    /// Says which of the rig's materials the shot has not, and leaves them out: no frame could be lit with them.
-    pub(super) fn check_materials(&mut self) {
-        let Some(transfer) = &self.transfer else { return };
-        let report = &transfer.report;
-        let path = self.document.path().unwrap_or(Path::new("the rig")).to_owned();
-        while let Err(error) = check_materials(&self.document.rig, &path, report.named_materials()) {
-            let before = (self.document.rig.emitters.len(), self.document.rig.materials.len());
-            let shines = |name: &str| report.named_materials().any(|(known, shines)| known == name && shines);
-            self.document.rig.emitters.retain(|emitter| shines(&emitter.material));
-            self.document.rig.materials.retain(|edit| report.materials.contains(&edit.name));
-            self.messages.warn(format!("{error}; it is left out"));
-            if before == (self.document.rig.emitters.len(), self.document.rig.materials.len()) {
-                break;
-            }
         }
     }
 
@@ -112,7 +115,7 @@ impl Viewer {
         match purpose {
             Purpose::OpenShot | Purpose::OpenRig => self.open(ctx, path),
             Purpose::SaveRig => self.save(&path),
-            Purpose::ExportImage => self.export(&path),
+            Purpose::ExportImage => self.export(ctx, &path),
             Purpose::Map => self.set_map(&path),
         }
     }
@@ -124,18 +127,13 @@ impl Viewer {
             Some("toml") if self.document.is_changed() => self.pending = Some(Pending::Rig(path)),
             Some("toml") => self.open_rig(&path),
             Some("hdr" | "exr") => self.set_map(&path),
+            _ if !path.is_file() => {
+                let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
+                self.messages.error(&Error::io(&path, "read", missing));
+            }
             _ => {
-                let settings =
-                    self.options.source.as_ref().map(|source| source.settings.clone()).unwrap_or_default();
-                let source = Source { settings, ..Source::new(&path) };
-                if !path.is_file() {
-                    let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
-                    self.messages.error(&Error::io(&path, "read", missing));
-                } else if self.document.is_changed() && self.document.path().is_none() {
-                    self.pending = Some(Pending::Shot(path));
-                } else {
-                    self.open_shot(ctx, source);
-                }
+                let settings = self.options.settings.clone();
+                self.open_shot(ctx, Source { settings, ..Source::new(path) });
             }
         }
     }
@@ -170,7 +168,7 @@ impl Viewer {
     }
 
     /// Writes the picture on a thread of its own.
-    pub(super) fn export(&mut self, path: &Path) {
+    pub(super) fn export(&mut self, ctx: &egui::Context, path: &Path) {
         let Some(lit) = self.lit.clone() else {
             return self.messages.warn("There is no picture to export yet");
         };
@@ -178,18 +176,23 @@ impl Viewer {
             self.messages.warn("What was exported is a coarse frame: the full one is not there yet");
         }
         let (exposure, curve) = (self.document.rig.exposure, self.preferences.curve.into());
-        let written =
-            match path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase()).as_deref() {
-                Some("exr") => write_exr(path, &lit.layers, &ExrMeta::default()),
+        let (path, done, wake) = (path.to_owned(), self.written.0.clone(), ctx.clone());
+        let write = move || {
+            let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+            let written = match ending.as_deref() {
+                Some("exr") => write_exr(&path, &lit.layers, &ExrMeta::default()),
                 Some("png") => {
                     let image = lit.layers.full();
-                    write_png(path, image.width, image.height, &display(&image, exposure, curve))
+                    write_png(&path, image.width, image.height, &display(&image, exposure, curve))
                 }
-                _ => Err(Error::file(path, "an image must end in .exr or .png; name it so")),
+                _ => Err(Error::file(&path, "an image must end in .exr or .png; name it so")),
             };
-        match written {
-            Ok(()) => self.messages.notice(format!("Wrote {}", path.display())),
-            Err(error) => self.messages.error(&error),
+            // a window that has closed need not be told
+            let _ = done.send(written.map(|()| path));
+            wake.request_repaint();
+        };
+        if let Err(error) = std::thread::Builder::new().name("export".to_owned()).spawn(write) {
+            self.messages.error(&Error::io("threads for the window", "start", error));
         }
     }
 }

@@ -9,6 +9,7 @@ use eframe::egui::{
 use relume::LightKind;
 
 use super::{Pending, Viewer};
+use crate::autosave::Autosave;
 use crate::command::Command;
 use crate::dialog::Purpose;
 use crate::document::NewLight;
@@ -23,6 +24,7 @@ const EXPOSURES: std::ops::RangeInclusive<f32> = -12.0..=12.0;
 impl eframe::App for Viewer {
     fn logic(&mut self, ctx: &egui::Context, _: &mut eframe::Frame) {
         self.listen(ctx);
+        self.ask_before_closing(ctx);
     }
 
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
@@ -54,9 +56,9 @@ impl eframe::App for Viewer {
 
     fn on_exit(&mut self) {
         self.tell_latencies();
-        // whoever closed has saved, or has given up what was not
-        if let Some(autosave) = &self.autosave {
-            autosave.forget();
+        // saved, or given up; whatever else ends the window leaves them for the next time
+        if self.may_close || !self.document.is_changed() {
+            self.autosave.iter().for_each(Autosave::forget);
         }
     }
 }
@@ -71,7 +73,7 @@ impl Viewer {
     }
 
     fn take_keys(&mut self, ctx: &egui::Context) {
-        if self.question.is_open() || self.pending.is_some() {
+        if self.question.is_open() || self.pending.is_some() || self.picture.is_held() {
             return;
         }
         let types = ctx.egui_wants_keyboard_input();
@@ -185,8 +187,11 @@ impl Viewer {
             }
             ui.separator();
             let name = ui.label("Exposure");
-            let exposure =
-                DragValue::new(&mut self.document.rig.exposure).speed(0.02).range(EXPOSURES).suffix(" stops");
+            let exposure = DragValue::new(&mut self.document.rig.exposure)
+                .speed(0.02)
+                .range(EXPOSURES)
+                .clamp_existing_to_range(false)
+                .suffix(" stops");
             ui.add(exposure.max_decimals(2))
                 .labelled_by(name.id)
                 .on_hover_text("Of the picture, not of its light");
@@ -236,14 +241,14 @@ impl Viewer {
                 ui.label("path tracing");
             }
             Some(truth) => {
-                let old = self.ordered.as_ref().is_some_and(|ordered| ordered.rig != truth.rig);
-                let old = if old { ", of earlier lights" } else { "" };
-                let text = format!(
-                    "reference: {} paths, noise {:.1}%; off by {:.1}%{old}",
-                    truth.paths,
-                    100.0 * truth.noise,
-                    100.0 * truth.error
-                );
+                let off = self
+                    .off
+                    .filter(|_| self.reference_is_current())
+                    .map_or("of earlier lights".to_owned(), |(_, _, error)| {
+                        format!("off by {:.1}%", 100.0 * error)
+                    });
+                let text =
+                    format!("reference: {} paths, noise {:.1}%; {off}", truth.paths, 100.0 * truth.noise);
                 ui.label(text).on_hover_text("Relative L2 of the relit image against it. Its own noise is in that figure: wait until it is small");
             }
         }
@@ -282,6 +287,10 @@ impl Viewer {
         if let Some(fault) = panels::lights(ui, &mut self.document, stage, &mut self.renaming) {
             self.messages.warn(fault);
         }
+        // a light that is shown alone may be gone, or have another name
+        let lights = &self.document.rig.lights;
+        let gone = |view: &&mut View| matches!(view, View::Light(name) if lights.iter().all(|light| light.name != *name));
+        self.views.iter_mut().filter(gone).for_each(|view| *view = View::Full);
         ui.separator();
         let measure = &mut self.preferences.measure;
         if let Some(light) = self.document.selected_light() {
@@ -344,11 +353,21 @@ impl Viewer {
         ui.monospace(text.unwrap_or_else(|| " ".to_owned()));
     }
 
+    /// What a pane is called, and that it is not there where it is not.
+    fn pane_name(&self, side: usize) -> String {
+        let view = &self.views[side];
+        match view {
+            View::Reference if self.scene.is_none() => format!("{}: no scene to trace", view.name()),
+            View::Reference if self.truth.is_none() => format!("{}: not there yet", view.name()),
+            _ => view.name(),
+        }
+    }
+
     fn show_picture(&mut self, ui: &mut Ui) {
         let around = Around {
             lit: self.lit.as_ref(),
             anchor: self.stage().center,
-            names: [self.views[0].name(), self.views[1].name()],
+            names: [self.pane_name(0), self.pane_name(1)],
             in_stops: self.views[0] == View::Luminance,
             is_open: self.shot.is_some(),
         };
@@ -360,19 +379,26 @@ impl Viewer {
         if let Some((purpose, path)) = self.question.answer(ui) {
             self.answer(&ctx, purpose, path);
         }
-        if ctx.input(|input| input.viewport().close_requested()) && !self.may_close {
-            self.document.note();
-            if self.document.is_changed() {
-                ctx.send_viewport_cmd(ViewportCommand::CancelClose);
-                self.pending = Some(Pending::Close);
-            }
-        }
         if self.pending.is_some() && !self.question.is_open() {
             self.ask_to_save(ui);
         }
         if self.shows_help {
             let close = Modal::new(egui::Id::unique("help")).show(&ctx, help).should_close();
             self.shows_help = !close;
+        }
+    }
+
+    /// Keeps the window open where there are unsaved edits, until it is known what shall become of them. Also where it is hidden, and nothing is drawn.
+    fn ask_before_closing(&mut self, ctx: &egui::Context) {
+        if !ctx.input(|input| input.viewport().close_requested()) || self.may_close {
+            return;
+        }
+        self.document.note();
+        if self.document.is_changed() {
+            ctx.send_viewport_cmd(ViewportCommand::CancelClose);
+            ctx.send_viewport_cmd(ViewportCommand::Minimized(false));
+            ctx.send_viewport_cmd(ViewportCommand::Focus);
+            self.pending = Some(Pending::Close);
         }
     }
 
@@ -403,11 +429,6 @@ impl Viewer {
                 ctx.send_viewport_cmd(ViewportCommand::Close);
             }
             Some(Pending::Rig(path)) => self.open_rig(&path),
-            Some(Pending::Shot(path)) => {
-                let settings =
-                    self.options.source.as_ref().map(|source| source.settings.clone()).unwrap_or_default();
-                self.open_shot(&ctx, crate::shot::Source { settings, ..crate::shot::Source::new(path) });
-            }
             None => {}
         }
     }

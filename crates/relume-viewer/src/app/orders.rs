@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use eframe::egui;
 use relume::LightRig;
+use relume::transfer::Report;
 
 use super::Viewer;
 use crate::develop::Recipe;
@@ -20,7 +21,11 @@ impl Viewer {
             .emissive
             .iter()
             .filter_map(|&number| transfer.report.materials.get(number as usize).cloned());
-        let rig = LightRig { exposure: 0.0, ..self.document.shown(emissive) };
+        let mut rig = LightRig { exposure: 0.0, ..self.document.shown(emissive) };
+        let unknown = leave_out_unknown(&mut rig, &transfer.report);
+        for name in unknown.into_iter().filter(|name| self.unknown.insert(name.clone())) {
+            self.messages.warn(format!("the shot has no such material as `{name}`, or it does not shine: what the rig says of it is left out"));
+        }
         let per_light = self.looks_at(|view| matches!(view, View::Light(_)));
         let albedo = self.looks_at(|view| *view == View::Albedo);
         let down = ctx.input(|input| input.pointer.any_down());
@@ -63,19 +68,26 @@ impl Viewer {
     /// Path traces for as long as the reference is looked at, anew for each rig.
     fn order_truth(&mut self) {
         let looked_at = self.looks_at(|view| *view == View::Reference);
-        let full = self.lit.as_ref().filter(|lit| !lit.preview && looked_at);
-        match (full, &self.scene, &self.transfer) {
-            (Some(lit), Some(scene), Some(transfer)) if self.traced.as_ref() != Some(&lit.rig) => {
-                let order = truth::Order {
-                    scene: Arc::clone(scene),
-                    camera: transfer.report.settings.camera,
-                    lit: Arc::clone(lit),
-                };
-                self.traced = Some(lit.rig.clone());
-                self.tracing.order(Some(order));
-            }
-            _ if !looked_at && self.traced.take().is_some() => self.tracing.order(None),
-            _ => {}
+        let outdated = self.traced.as_ref().is_some_and(|traced| {
+            !looked_at || self.ordered.as_ref().is_some_and(|ordered| ordered.rig != *traced)
+        });
+        if outdated {
+            self.traced = None;
+            self.tracing.order(None);
+        }
+        let full = self.lit.as_ref().filter(|lit| {
+            let current = self.ordered.as_ref().is_some_and(|ordered| ordered.rig == lit.rig);
+            looked_at && current && !lit.preview
+        });
+        if let (Some(lit), Some(scene), Some(transfer)) = (full, &self.scene, &self.transfer)
+            && self.traced.is_none()
+        {
+            self.traced = Some(lit.rig.clone());
+            self.tracing.order(Some(truth::Order {
+                scene: Arc::clone(scene),
+                camera: transfer.report.settings.camera,
+                lit: Arc::clone(lit),
+            }));
         }
     }
 
@@ -106,4 +118,22 @@ impl Viewer {
             self.developed = Some(wanted);
         }
     }
+}
+
+/// Takes out of a rig what is of materials that the shot has not, or that do not shine there: no frame could be lit with it. Returns their names.
+fn leave_out_unknown(rig: &mut LightRig, report: &Report) -> Vec<String> {
+    let known = |name: &str| report.materials.iter().any(|known| known == name);
+    let shines = |name: &str| report.named_materials().any(|(known, shines)| shines && known == name);
+    let mut unknown = Vec::new();
+    rig.emitters.retain(|emitter| {
+        let keeps = shines(&emitter.material);
+        unknown.extend((!keeps).then(|| emitter.material.clone()));
+        keeps
+    });
+    rig.materials.retain(|edit| {
+        let keeps = known(&edit.name);
+        unknown.extend((!keeps).then(|| edit.name.clone()));
+        keeps
+    });
+    unknown
 }

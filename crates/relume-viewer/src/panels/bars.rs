@@ -7,7 +7,7 @@ use relume::image::Layers;
 
 use crate::lighting::Frame;
 use crate::messages::{Kind, Messages};
-use crate::shot::{Shot, Stage};
+use crate::shot::{Shot, Stage, Work};
 use crate::wording::{bytes, duration};
 
 /// Preparation, last frame, memory.
@@ -60,8 +60,15 @@ fn memory(lit: &Frame) -> String {
     }
 }
 
+/// How often progress is drawn, where nothing else is.
+const TOLD_EVERY: Duration = Duration::from_millis(250);
+
 fn preparation(ui: &mut Ui, shot: &Shot) {
-    match shot.stage() {
+    let stage = shot.stage();
+    if !matches!(stage, Stage::Ready | Stage::Stopped) && !shot.is_paused() {
+        ui.ctx().request_repaint_after(TOLD_EVERY);
+    }
+    match stage {
         Stage::Reading => {
             ui.spinner();
             ui.label("reading");
@@ -72,16 +79,22 @@ fn preparation(ui: &mut Ui, shot: &Shot) {
         }
         Stage::Ready => drop(ui.label("ready")),
         Stage::Stopped => {
-            ui.label("the preparation has ended")
-                .on_hover_text("What is there can be lit; File, Prepare goes on");
+            ui.label("the preparation has ended").on_hover_text(
+                "What is there can be lit; open the scene again, and it goes on from what is done",
+            );
         }
-        Stage::Preparing(status, since) => {
+        Stage::Preparing(Work { status, for_so_long, left }) => {
             let share = if status.of > 0 { status.done as f32 / status.of as f32 } else { 0.0 };
             let text = if status.stage.is_empty() { "preparing".to_owned() } else { status.stage.clone() };
             ui.add(ProgressBar::new(share).desired_width(130.0).text(format!("{:.0}%", 100.0 * share)));
             ui.label(text)
                 .on_hover_text("What the preparation is at; the picture gets finer while it goes on");
-            ui.label(duration(since.elapsed().as_secs_f64()));
+            let left = left.map_or(String::new(), |left| {
+                format!(", about {} left of this", duration(left.as_secs_f64()))
+            });
+            ui.label(format!("{}{left}", duration(for_so_long.as_secs_f64()))).on_hover_text(
+                "How long the preparation has been at work; the stages before the last ones take seconds",
+            );
             let paused = shot.is_paused();
             let name = if paused { "Go on" } else { "Pause" };
             if ui.small_button(name).on_hover_text("Pause the preparation, or let it go on").clicked() {

@@ -41,13 +41,20 @@ pub(crate) fn light(ui: &mut Ui, color: &mut Vec3, unit: &str, measure: &mut Mea
         match measure {
             Measure::Linear => {
                 let speed = (f64::from(strength) * 0.01).max(1e-3);
-                let value = DragValue::new(&mut strength).speed(speed).range(0.0..=STRONGEST).max_decimals(4);
+                let value = DragValue::new(&mut strength)
+                    .speed(speed)
+                    .range(0.0..=STRONGEST)
+                    .clamp_existing_to_range(false)
+                    .max_decimals(4);
                 ui.add(value).labelled_by(name.id)
             }
             Measure::Stops => {
                 let mut stops = strength.log2().max(DARKEST);
-                let value =
-                    DragValue::new(&mut stops).speed(0.02).range(DARKEST..=STRONGEST.log2()).max_decimals(2);
+                let value = DragValue::new(&mut stops)
+                    .speed(0.02)
+                    .range(DARKEST..=STRONGEST.log2())
+                    .clamp_existing_to_range(false)
+                    .max_decimals(2);
                 let response = ui.add(value).labelled_by(name.id);
                 if response.changed() {
                     strength = if stops <= DARKEST { 0.0 } else { stops.exp2() };
@@ -79,7 +86,7 @@ pub(crate) fn light(ui: &mut Ui, color: &mut Vec3, unit: &str, measure: &mut Mea
         }
         let found = nearest_temperature(hue).unwrap_or(6500.0);
         let mut kelvin = found;
-        let temperature = DragValue::new(&mut kelvin).speed(20.0).range(TEMPERATURES).max_decimals(0).suffix(" K");
+        let temperature = DragValue::new(&mut kelvin).speed(20.0).range(TEMPERATURES).clamp_existing_to_range(false).max_decimals(0).suffix(" K");
         let response = ui.add(temperature).on_hover_text(
             "Colour temperature: 1900 is a candle, 2700 a lamp, 5500 noon, 10,000 a clear sky. For other colours, the nearest.",
         );

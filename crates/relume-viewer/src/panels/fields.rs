@@ -92,6 +92,8 @@ fn triple(ui: &mut Ui, name: &str, what: &str, value: &mut Vec3, speed: f64) {
             let drag = DragValue::new(component)
                 .speed(speed)
                 .range(-FAR..=FAR)
+                .clamp_existing_to_range(false)
+                .update_while_editing(false)
                 .max_decimals(3)
                 .prefix(format!("{axis} "));
             ui.add(drag).on_hover_text(format!("{name} {axis}, {what}"));
@@ -102,14 +104,26 @@ fn triple(ui: &mut Ui, name: &str, what: &str, value: &mut Vec3, speed: f64) {
 
 fn length(ui: &mut Ui, name: &str, what: &str, value: &mut f32) {
     let label = ui.label(name);
-    let drag = DragValue::new(value).speed(0.002).range(0.0..=FAR).max_decimals(3).suffix(" m");
+    let drag = DragValue::new(value)
+        .speed(0.002)
+        .range(0.0..=FAR)
+        .clamp_existing_to_range(false)
+        .update_while_editing(false)
+        .max_decimals(3)
+        .suffix(" m");
     ui.add(drag).labelled_by(label.id).on_hover_text(what);
     ui.end_row();
 }
 
 fn angle(ui: &mut Ui, name: &str, what: &str, value: &mut f32, range: RangeInclusive<f32>) -> Response {
     let label = ui.label(name);
-    let drag = DragValue::new(value).speed(0.2).range(range).max_decimals(2).suffix("°");
+    let drag = DragValue::new(value)
+        .speed(0.2)
+        .range(range)
+        .clamp_existing_to_range(false)
+        .update_while_editing(false)
+        .max_decimals(2)
+        .suffix("°");
     let response = ui.add(drag).labelled_by(label.id).on_hover_text(what);
     ui.end_row();
     response

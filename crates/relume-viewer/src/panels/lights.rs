@@ -4,8 +4,8 @@ use eframe::egui::{self, Button, Key, Role, Sense, TextEdit, Ui, WidgetInfo};
 
 use crate::document::{Document, NewLight, Stage};
 
-/// A name that is being typed: the light's place in the list, and the text so far.
-pub(crate) type Renaming = Option<(usize, String)>;
+/// A name that is being typed: the light's name as it is, and the text so far.
+pub(crate) type Renaming = Option<(String, String)>;
 
 /// The list, with what can be done to it. Returns what is wrong with a name that was typed.
 pub(crate) fn lights(
@@ -42,6 +42,9 @@ pub(crate) fn lights(
         let (from, to) = row(ui, document, index, renaming, &mut fault);
         moved = moved.or(from.zip(to));
     }
+    if renaming.as_ref().is_some_and(|(name, _)| document.place(name).is_none()) {
+        *renaming = None;
+    }
     if let Some((from, to)) = moved {
         document.reorder(from, to);
     }
@@ -74,7 +77,7 @@ fn row(
             if solo.clicked() {
                 document.solo = (!alone).then(|| name.clone());
             }
-            if renaming.as_ref().is_some_and(|(renamed, _)| *renamed == index) {
+            if renaming.as_ref().is_some_and(|(renamed, _)| *renamed == name) {
                 rename(ui, document, renaming, fault);
                 return;
             }
@@ -84,7 +87,7 @@ fn row(
                 document.selected = Some(index);
             }
             if label.double_clicked() {
-                *renaming = Some((index, name));
+                *renaming = Some((name.clone(), name));
             }
             label.dnd_set_drag_payload(Row(index));
         });
@@ -94,7 +97,10 @@ fn row(
         }
         if response.dnd_hover_payload::<Row>().is_some() {
             let stroke = ui.visuals().selection.stroke;
-            ui.painter().hline(response.rect.x_range(), response.rect.top(), stroke);
+            // where it would be dropped
+            let below = response.dnd_hover_payload::<Row>().is_some_and(|row| row.0 < index);
+            let y = if below { response.rect.bottom() } else { response.rect.top() };
+            ui.painter().hline(response.rect.x_range(), y, stroke);
         }
     });
     dropped
@@ -105,12 +111,13 @@ fn row(
 struct Row(usize);
 
 fn rename(ui: &mut Ui, document: &mut Document, renaming: &mut Renaming, fault: &mut Option<String>) {
-    let Some((index, text)) = renaming else { return };
+    let Some((name, text)) = renaming else { return };
     let edit = ui.add(TextEdit::singleline(text).desired_width(140.0)).on_hover_text("Name of the light");
     if ui.input(|input| input.key_pressed(Key::Escape)) {
         *renaming = None;
     } else if edit.lost_focus() {
-        *fault = document.rename(*index, text).err();
+        // the list may have changed under it
+        *fault = document.place(name).and_then(|index| document.rename(index, text).err());
         *renaming = None;
     } else if !edit.has_focus() {
         edit.request_focus();

@@ -19,8 +19,12 @@ pub(crate) fn emitters(ui: &mut Ui, rig: &mut LightRig, report: &Report, shining
             let (mut strength, hue) =
                 (scale.max_element(), scale / scale.max_element().max(f32::MIN_POSITIVE));
             let hue = if strength > 0.0 { hue } else { Vec3::ONE };
-            let drag =
-                DragValue::new(&mut strength).speed(0.01).range(0.0..=BRIGHTEST).max_decimals(3).prefix("x ");
+            let drag = DragValue::new(&mut strength)
+                .speed(0.01)
+                .range(0.0..=BRIGHTEST)
+                .clamp_existing_to_range(false)
+                .max_decimals(3)
+                .prefix("x ");
             if ui.add(drag).on_hover_text(format!("{name}: times what it emits in the scene")).changed() {
                 scale = hue * strength;
             }

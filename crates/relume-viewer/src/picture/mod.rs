@@ -57,7 +57,8 @@ enum Held {
     Nothing,
     /// The image, at one of its points.
     Image(egui::Vec2),
-    Tool,
+    /// A tool, at work on this light as it was.
+    Tool(Light),
     Handle(Drag),
 }
 
@@ -116,6 +117,17 @@ impl Picture {
             Some(right) => set(&mut self.right, right, "picture beside"),
             None => self.right = None,
         }
+    }
+
+    /// Forgets what is shown.
+    pub(crate) fn clear(&mut self) {
+        (self.left, self.right, self.images) = (None, None, None);
+        (self.held, self.tool) = (Held::Nothing, Tool::Select);
+    }
+
+    /// Whether the pointer holds a light: keys that would change the list wait.
+    pub(crate) fn is_held(&self) -> bool {
+        matches!(self.held, Held::Handle(_) | Held::Tool(_))
     }
 
     pub(crate) fn fit(&mut self) {
@@ -200,30 +212,44 @@ impl Picture {
     ) {
         let camera = &lit.transfer.view.camera;
         if ui.input(|input| input.key_pressed(egui::Key::Escape)) {
-            if let Held::Handle(drag) = &self.held
-                && let Some(light) = document.selected_light()
+            // of one that was let go in the same moment, nothing is taken back
+            let is_down = ui.input(|input| input.pointer.any_down());
+            let before = match &self.held {
+                _ if !is_down => None,
+                Held::Handle(drag) => Some(drag.before()),
+                Held::Tool(before) => Some(before),
+                Held::Nothing | Held::Image(_) => None,
+            };
+            if let Some((before, light)) = before.zip(document.selected_light())
+                && before.name == light.name
             {
-                *light = drag.before().clone();
+                light.clone_from(before);
             }
             (self.held, self.tool) = (Held::Nothing, Tool::Select);
         }
         if response.drag_started_by(PointerButton::Primary) {
+            // what was typed into is done
+            ui.memory_mut(|memory| memory.focused().map(|id| memory.surrender_focus(id)));
             let from = ui.input(|input| input.pointer.press_origin());
             self.held = from.map_or(Held::Nothing, |from| self.hold(frame, camera, document, anchor, from));
         }
         if let Some(at) = response.interact_pointer_pos() {
             let surface = |at| tool::seen(lit, frame.pixel(at)).map(|seen| seen.position);
             match (&self.held, document.selected_light()) {
-                (Held::Handle(drag), Some(light)) if response.dragged() => {
+                (Held::Handle(drag), Some(light))
+                    if response.dragged() && drag.before().name == light.name =>
+                {
                     *light = drag.light(frame, camera, at, surface);
                 }
-                (Held::Tool, Some(light)) if response.dragged() => {
+                (Held::Tool(before), Some(light)) if response.dragged() && before.name == light.name => {
+                    // from where it was, not from where the pointer has led it meanwhile
+                    light.clone_from(before);
                     self.tool.apply(lit, frame.pixel(at), light, false);
                 }
                 (_, Some(light)) if response.clicked() && self.tool != Tool::Select => {
                     self.tool.apply(lit, frame.pixel(at), light, true);
                 }
-                _ if response.clicked() => {
+                _ if response.clicked() && self.shows_lights => {
                     if let Some(light) = light_at(frame, camera, &document.rig.lights, at) {
                         document.selected = Some(light);
                     }
@@ -244,8 +270,8 @@ impl Picture {
         anchor: Vec3,
         from: Pos2,
     ) -> Held {
-        if self.tool.is_dragged() && document.selected.is_some() {
-            return Held::Tool;
+        if let Some(light) = document.selected_light().filter(|_| self.tool.is_dragged()) {
+            return Held::Tool(light.clone());
         }
         let taken = document.selected_light().filter(|_| self.shows_lights).and_then(|light| {
             let gizmo = Gizmo { frame, camera, light, anchor };
@@ -300,6 +326,9 @@ impl Picture {
                 label(ui, pos2(x + 10.0, seen.top() + 8.0), Align2::LEFT_TOP, right);
             }
             _ => part(left, 0.0, 1.0),
+        }
+        if self.wipe.is_none() && around.names[0].contains(':') {
+            label(ui, frame.room.center(), Align2::CENTER_CENTER, &around.names[0]);
         }
         if around.in_stops {
             paint_legend(ui, frame.room);

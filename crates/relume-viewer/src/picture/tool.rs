@@ -10,6 +10,9 @@ use crate::lighting::Frame;
 /// Of the way from a surface to the next one, how much a light may go.
 const WITHIN: f32 = 0.95;
 
+/// A light is put no nearer to a surface, metres.
+const NEAREST: f32 = 0.05;
+
 /// What a click in the picture does.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) enum Tool {
@@ -67,8 +70,11 @@ impl Tool {
                 light.aim_at(at.position);
             }
             Self::Highlight => {
+                // a bent normal may mirror the view into the surface: there is no place for a light then
                 let farthest = WITHIN * free_way(lit, at.position, at.normal, at.mirrored());
-                light.place_by_highlight(at, farthest);
+                if farthest > NEAREST {
+                    light.place_by_highlight(at, farthest);
+                }
             }
             Self::Shadow { edge: None } => *self = Self::Shadow { edge: Some(at) },
             Self::Shadow { edge: Some(edge) } => {
@@ -77,7 +83,9 @@ impl Tool {
                 let leaves = way.dot(edge.normal) > 0.0;
                 let farthest =
                     if leaves { WITHIN * free_way(lit, edge.position, way, way) } else { f32::INFINITY };
-                light.place_by_shadow(edge.position, at.position, farthest);
+                if farthest > NEAREST {
+                    light.place_by_shadow(edge.position, at.position, farthest);
+                }
                 if clicked {
                     *self = Self::SHADOW;
                 }

@@ -223,3 +223,35 @@ fn the_list_selects_and_is_put_in_order() {
     window.key(Modifiers::COMMAND, Key::Z);
     assert_eq!(window.rig().lights[0].name, names[0]);
 }
+
+/// What would change the list while a light is held waits: or the light would be dragged on as another one.
+#[test]
+fn keys_wait_while_a_light_is_held() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    window.choose("Add", "Omni");
+    window.settle();
+    let names = |window: &Window| -> Vec<String> {
+        window.rig().lights.iter().map(|light| light.name.clone()).collect()
+    };
+    let before = names(&window);
+    let (corner, zoom) = window.picture();
+    let at = window.harness.state().handle().unwrap();
+    let from = corner + vec2(at.x, at.y) * zoom;
+    window.harness.hover_at(from);
+    window.harness.run_steps(2);
+    window.harness.drag_at(from);
+    window.harness.step();
+    window.harness.hover_at(from + vec2(30.0, 0.0));
+    window.harness.run_steps(2);
+    for (modifiers, key) in
+        [(Modifiers::NONE, Key::Delete), (Modifiers::COMMAND, Key::D), (Modifiers::COMMAND, Key::Z)]
+    {
+        window.key(modifiers, key);
+    }
+    window.harness.hover_at(from + vec2(40.0, 0.0));
+    window.harness.run_steps(2);
+    window.harness.drop_at(from + vec2(40.0, 0.0));
+    window.harness.run_steps(3);
+    assert_eq!(names(&window), before);
+}

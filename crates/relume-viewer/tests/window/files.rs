@@ -55,10 +55,6 @@ fn a_changed_scene_is_prepared_again() {
     let window = Window::open_with(folder.path(), None);
     assert_ne!(std::fs::read(&cache).unwrap(), before);
     drop(window);
-    // what is no cache is replaced as well
-    std::fs::write(&cache, "no cache").unwrap();
-    drop(Window::open_with(folder.path(), None));
-    assert!(relume::Transfer::load(&cache).is_ok());
 }
 
 #[test]
@@ -147,7 +143,7 @@ fn pictures_are_exported() {
     for name in ["shot.exr", "shot.png"] {
         window.choose("File", "Export image");
         window.answer(&folder.path().join(name));
-        window.harness.run_steps(4);
+        window.until_said(&format!("Wrote {}", folder.path().join(name).display()));
         assert!(folder.path().join(name).is_file(), "{name}");
     }
     let exr = read_exr(folder.path().join("shot.exr")).unwrap();
@@ -156,7 +152,7 @@ fn pictures_are_exported() {
     assert!(relume::image::metrics::relative_l2(&written, &shown).unwrap() < 1e-3);
     window.choose("File", "Export image");
     window.answer(&folder.path().join("shot.tiff"));
-    assert!(window.is_said("must end in .exr or .png"));
+    window.until_said("must end in .exr or .png");
 }
 
 #[test]
@@ -166,4 +162,66 @@ fn a_window_without_a_shot_waits_for_one() {
     let mut harness = builder.build_eframe(move |context| Viewer::new(context, options).unwrap());
     harness.run();
     assert!(harness.state().picture().is_none());
+}
+
+/// What others have prepared is not this window's to replace.
+#[test]
+fn caches_of_others_are_left_alone() {
+    let folder = fresh_folder();
+    let (cache, own) = (folder.path().join("arcade.relume"), folder.path().join("arcade.view.relume"));
+    let scene = relume_io::load_scene(&folder.path().join("arcade.glb")).unwrap().scene;
+    let settings = relume::transfer::Settings { seed: 5, ..crate::support::settings() };
+    let others = relume::Preparation::new(&scene).settings(settings).run(&()).unwrap();
+    others.save(&cache).unwrap();
+    for theirs in [std::fs::read(&cache).unwrap(), b"no cache at all".to_vec()] {
+        std::fs::write(&cache, &theirs).unwrap();
+        drop(Window::open(folder.path()));
+        assert!(std::fs::read(&cache).unwrap() == theirs, "it was replaced");
+        assert!(relume::Transfer::load(&own).is_ok());
+    }
+    let written = own.metadata().unwrap().modified().unwrap();
+    drop(Window::open(folder.path()));
+    assert_eq!(own.metadata().unwrap().modified().unwrap(), written, "its own was not taken");
+}
+
+/// A scene without lights gets one that shows, each time it is opened.
+#[test]
+fn there_is_light_where_none_was_given() {
+    let folder = fresh_folder();
+    for _ in 0..2 {
+        let window = Window::open_with(folder.path(), None);
+        assert!(!window.rig().lights.is_empty());
+        assert!(window.layers().full().pixels.iter().any(|pixel| pixel.max_element() > 0.05));
+    }
+}
+
+/// A rig of another scene is lit as far as it goes, and stays what it is.
+#[test]
+fn what_the_shot_has_not_is_told_and_kept() {
+    let folder = folder();
+    let mut text = std::fs::read_to_string(folder.path().join("arcade.toml")).unwrap();
+    text += "\n[[material]]\nname = \"velvet of another scene\"\nbase_color = [0.1, 0.2, 0.3]\n";
+    std::fs::write(folder.path().join("arcade.toml"), text).unwrap();
+    let window = Window::open(folder.path());
+    assert!(window.is_said("velvet of another scene"));
+    assert_eq!(window.rig().materials.len(), 1);
+    assert!(window.layers().full().pixels.iter().any(|pixel| pixel.max_element() > 0.05));
+}
+
+/// Another shot under the same lights: nothing of the first is shown as the second.
+#[test]
+fn another_shot_takes_the_place_of_the_first() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    let (rig, first) = (window.rig().clone(), window.layers().full());
+    window.key(Modifiers::NONE, Key::P);
+    let parlour = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/parlour.glb");
+    std::fs::copy(parlour, folder.path().join("parlour.glb")).unwrap();
+    window.choose("File", "Open scene");
+    window.answer(&folder.path().join("parlour.glb"));
+    window.settle();
+    assert_eq!(*window.rig(), rig);
+    assert_ne!(window.layers().full(), first);
+    assert!(!window.is_said("Snapshot 1"));
+    assert!(folder.path().join("parlour.relume").is_file());
 }

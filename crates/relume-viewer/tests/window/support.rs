@@ -71,6 +71,7 @@ impl Window {
             rig: rig.map(|rig| folder.join(rig)),
             state: Some(folder.join("state")),
             dialogs: Dialogs::Typed,
+            settings: settings(),
             times: None,
         };
         // as fast as a display, so that two clicks are a double one
@@ -162,6 +163,16 @@ impl Window {
         }
         self.harness.drop_at(to);
         self.harness.run_steps(3);
+    }
+
+    /// Steps until something is to be read.
+    pub(crate) fn until_said(&mut self, text: &str) {
+        let end = Instant::now() + PATIENCE;
+        while !self.is_said(text) {
+            assert!(Instant::now() < end, "`{text}` is never said");
+            self.harness.step();
+            std::thread::sleep(Duration::from_millis(4));
+        }
     }
 
     pub(crate) fn is_said(&self, text: &str) -> bool {

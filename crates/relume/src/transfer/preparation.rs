@@ -244,11 +244,11 @@ impl<'a> Preparation<'a> {
         self.memory(&self.settings, false)?;
         let stages = Stages::new(progress);
         let looked = Looked::new(self.scene, camera, self.settings.size, &stages)?;
-        let files = self.files(&looked, None, progress)?;
-        stages.rest();
         if self.direct_first {
             show(self.direct_alone(&looked, stages.clone()))?;
         }
+        let files = self.files(&looked, None, progress)?;
+        stages.rest();
         for settings in self.settings.coarser() {
             show(self.transfer(&settings, looked.clone(), Finished::default(), stages.clone())?)?;
         }

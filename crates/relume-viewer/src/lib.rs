@@ -65,6 +65,10 @@ pub fn run(options: Options) -> Result<()> {
         persistence_path: options.state.as_ref().map(|state| state.join("window.ron")),
         ..eframe::NativeOptions::default()
     };
+    if let Some(rig) = &options.rig {
+        // told here, and not once there is a window
+        relume_io::load_rig(rig)?;
+    }
     let mut refused = None;
     let create = |context: &eframe::CreationContext<'_>| match Viewer::new(context, options) {
         Ok(viewer) => Ok(Box::new(viewer) as Box<dyn eframe::App>),

@@ -81,7 +81,7 @@ pub(crate) fn run(arguments: &Arguments, _: &Console) -> Result<()> {
         std::fs::File::open(shot).map_err(|error| relume::Error::io(shot, "read", error))?;
     }
     if let Some(cache) = &arguments.cache {
-        check_output(cache, "a cache", &["relume"], &[])?;
+        check_output(cache, "the name of a cache", &["relume"], &[])?;
     }
     arguments.threads.start()?;
     let settings = Settings {

@@ -280,3 +280,37 @@ fn what_is_asked_for_must_be_there() {
     work.succeed(&small);
     work.refused(&["compare", "out.exr", "small.exr"], 2, "compare images of one size");
 }
+
+/// What is wrong is told before a window is opened; and where none can be, that is told.
+#[cfg(feature = "viewer")]
+#[test]
+fn a_window_is_not_opened_for_nothing() {
+    let work = Workplace::new();
+    work.write("rig.toml", RIG.as_bytes());
+    work.write("bad.toml", b"[[light]]\nname = \"key\"\ntype = \"lamp\"\n");
+    work.refused(&["view", "none.glb"], 2, "none.glb: cannot read");
+    work.refused(&["view", "--rig", "bad.toml"], 2, "bad.toml: line 3");
+    work.refused(&["view", "--rig", "none.toml"], 2, "none.toml: cannot read");
+    work.refused(&["view", "rig.toml", "--cache", "rig.toml"], 2, "must end in .relume");
+    work.refused(&["view", "--gather", "1000"], 2, "must be a power of four");
+    #[cfg(target_os = "linux")]
+    {
+        let ran = work
+            .command(&["view", "--rig", "rig.toml"])
+            .env_remove("DISPLAY")
+            .env_remove("WAYLAND_DISPLAY")
+            .env_remove("WAYLAND_SOCKET")
+            .output()
+            .unwrap();
+        let told = String::from_utf8_lossy(&ran.stderr).into_owned();
+        assert_eq!(ran.status.code(), Some(1), "{told}");
+        assert!(told.contains("error: a window: cannot open"), "{told}");
+    }
+}
+
+/// Without its feature the command says how to get it.
+#[cfg(not(feature = "viewer"))]
+#[test]
+fn a_window_that_was_left_out_is_missed_with_its_mend() {
+    Workplace::new().refused(&["view"], 2, "--features viewer");
+}

@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use relume::glam::Vec3;
 use relume::image::metrics::relative_l2;
 use relume::image::{Image, Layers};
-use relume::relight::{EMISSION, Only, RelightSettings};
+use relume::relight::{EMISSION, Only, RelightSettings, look_through};
 use relume::{Error, LightKind, LightRig, Progress, Relighter, Transfer};
 use relume_tests::prepared::{mean, prepare, relight_afresh, tiny};
 use relume_tests::scenes::{
@@ -385,3 +385,26 @@ fn small_steps_of_a_light_are_small_steps_of_the_image() {
 /// One millimetre of a light about two metres away: 0.05% by itself; the rest is shadow borders that cross a quarter of
 /// one of 1024 cells: measured 0.0005 for the lamp, 0.0113 for the spot, whose light lies on a few dozen cells.
 const STEP: f64 = 0.017;
+
+/// Through a light one sees what it reaches, and what of that the camera sees.
+#[test]
+fn a_light_is_looked_through() {
+    let mut builder = SceneBuilder::new();
+    let grey = builder.material(lambertian(Vec3::splat(0.5)));
+    builder
+        .quad(Vec3::new(-2.0, 0.0, -2.0), Vec3::Z * 4.0, Vec3::X * 4.0, grey)
+        .block(Vec3::new(-0.5, 0.0, -0.5), Vec3::new(0.5, 1.0, 0.5), grey)
+        .camera(Vec3::new(0.0, 1.0, 6.0), Vec3::new(0.0, 0.3, 0.0), 40.0);
+    let transfer = prepare(&builder.build(), tiny());
+    let kind = spot(Vec3::new(0.0, 8.0, 0.0), Vec3::new(0.01, 0.0, 0.0), Vec3::ONE, (10.0, 30.0));
+    let eye = rig([kind]).lights[0].camera(Vec3::ZERO, 1.0).expect("a spot stands somewhere");
+    let image = look_through(&transfer, &eye, 64, 64);
+    let at = |point: Vec3| {
+        let (place, _) = eye.project(point, 64, 64).expect("below the light");
+        image.pixels[place.y as usize * 64 + place.x as usize]
+    };
+    let (before, behind) = (at(Vec3::new(0.0, 0.0, 1.6)), at(Vec3::new(0.0, 0.0, -1.2)));
+    assert!(before.x > 2.0 * before.z && before.z > 0.0, "the camera sees this: {before}");
+    assert!(behind.x == behind.z && behind.x > 0.0, "the block hides this from the camera: {behind}");
+    assert_eq!(at(Vec3::new(3.5, 0.0, 0.0)), Vec3::ZERO, "there is nothing");
+}

@@ -28,6 +28,7 @@ use crate::panels::Renaming;
 use crate::picture::{Picture, Tool};
 use crate::preferences::Preferences;
 use crate::shot::{Event, Shot, Source};
+use crate::through::{self, Looking};
 use crate::truth::{PathTracing, Truth};
 use crate::view::View;
 
@@ -109,6 +110,8 @@ pub struct Viewer {
     drawn: u64,
     /// From edits to their pictures, the newest last.
     latencies: Vec<Duration>,
+    looking: Looking,
+    looked: Option<through::Order>,
     tracing: PathTracing,
     truth: Option<Truth>,
     /// How far the picture is from it, of which frame and after how many paths.
@@ -196,6 +199,8 @@ impl Viewer {
             print: None,
             drawn: 0,
             latencies: Vec::new(),
+            looking: Looking::start(wake()).map_err(threads)?,
+            looked: None,
             tracing: PathTracing::start(wake()).map_err(threads)?,
             truth: None,
             off: None,
@@ -226,6 +231,13 @@ impl Viewer {
             middle.filter(seen).or_else(|| view.centers.iter().find(seen)).map(|sample| sample.position);
         let ahead = camera.world_from_camera.transform_vector3(Vec3::NEG_Z) * 3.0;
         Stage { eye: camera.position(), center: center.unwrap_or(camera.position() + ahead) }
+    }
+
+    /// What the selected light is looked through with, while it is.
+    fn eye(&self) -> Option<relume::Camera> {
+        let light = self.document.rig.lights.get(self.document.selected?)?;
+        let Stage { eye, center } = self.stage();
+        light.camera(center, 0.7 * eye.distance(center)).filter(|_| self.picture.inset.is_open)
     }
 
     fn report(&self) -> Option<&Report> {
@@ -259,6 +271,9 @@ impl Viewer {
             Some(Ok(_)) => {}
             Some(Err(error)) => self.messages.error(&error),
             None => {}
+        }
+        if let Some(image) = self.looking.next() {
+            self.picture.inset.take(ctx, image);
         }
         self.compare();
         while let Ok(written) = self.written.1.try_recv() {
@@ -458,6 +473,7 @@ impl Viewer {
             Command::Actual => self.picture.show_actual(ctx),
             Command::Wipe => self.picture.wipe = if self.picture.wipe.is_some() { None } else { Some(0.5) },
             Command::ShowLights => self.picture.shows_lights = !self.picture.shows_lights,
+            Command::LookThrough => self.picture.inset.is_open = !self.picture.inset.is_open,
             Command::Snapshot => self.store_snapshot(),
             Command::Help => self.shows_help = !self.shows_help,
         }

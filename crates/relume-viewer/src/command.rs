@@ -22,6 +22,7 @@ pub(crate) enum Command {
     Actual,
     Wipe,
     ShowLights,
+    LookThrough,
     Snapshot,
     Help,
 }
@@ -30,7 +31,7 @@ const CTRL: Modifiers = Modifiers::COMMAND;
 const CTRL_SHIFT: Modifiers = CTRL.plus(Modifiers::SHIFT);
 
 /// Every key, the longer combinations first: a shorter one would be taken for them.
-const KEYS: [(Command, Modifiers, Key); 18] = [
+const KEYS: [(Command, Modifiers, Key); 19] = [
     (Command::SaveAs, CTRL_SHIFT, Key::S),
     (Command::Redo, CTRL_SHIFT, Key::Z),
     (Command::OpenRig, CTRL_SHIFT, Key::O),
@@ -48,6 +49,7 @@ const KEYS: [(Command, Modifiers, Key); 18] = [
     (Command::Actual, Modifiers::NONE, Key::Num1),
     (Command::Wipe, Modifiers::NONE, Key::W),
     (Command::ShowLights, Modifiers::NONE, Key::L),
+    (Command::LookThrough, Modifiers::NONE, Key::T),
     (Command::Snapshot, Modifiers::NONE, Key::P),
 ];
 
@@ -83,6 +85,7 @@ impl Command {
             Self::Actual => "Actual size",
             Self::Wipe => "Wipe",
             Self::ShowLights => "Show lights",
+            Self::LookThrough => "Look through the light",
             Self::Snapshot => "Store snapshot",
             Self::Help => "Keys and pointer",
         }
@@ -116,6 +119,9 @@ impl Command {
             Self::Fit => "Show the whole picture",
             Self::Actual => "Show a pixel of the picture as a pixel of the screen",
             Self::Wipe => "Compare two views side by side; drag the line between them",
+            Self::LookThrough => {
+                "Show what the selected light sees, warm where the camera sees it too; drag in it to turn the light"
+            }
             Self::ShowLights => "Draw lights and their handles in the picture",
             Self::Snapshot => "Keep all light as it is now, to compare with later",
             Self::Help => "Every key, and what the pointer does",

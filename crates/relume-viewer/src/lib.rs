@@ -8,7 +8,7 @@
 //! |---|---|
 //! | `app` | the window: who is told what, and when; its layout |
 //! | `shot` | opening and preparing a scene, or a cache |
-//! | `lighting`, `develop`, `truth` | the workers: relit frames, display pixels, path tracing |
+//! | `lighting`, `develop`, `truth`, `through` | the workers: relit frames, display pixels, path tracing, what a light sees |
 //! | `document`, `history`, `autosave` | the rig that is edited, undo and redo, what is kept of unsaved edits |
 //! | `picture` | zoom, wipe, handles of lights, tools that place them |
 //! | `panels` | the list of lights, their fields, surfaces, histogram, status |
@@ -28,6 +28,7 @@ mod panels;
 mod picture;
 mod preferences;
 mod shot;
+mod through;
 mod truth;
 mod view;
 mod wording;

@@ -127,6 +127,7 @@ impl Viewer {
                 for tool in [Tool::Aim, Tool::Highlight, Tool::SHADOW] {
                     self.item(ui, Command::Tool(tool), selected);
                 }
+                self.item(ui, Command::LookThrough, selected);
             });
             ui.menu_button("View", |ui| {
                 for command in
@@ -217,9 +218,10 @@ impl Viewer {
                 }
             }
             ui.separator();
-            if ui.button("Snapshot").on_hover_text(Command::Snapshot.explanation()).clicked() {
+            let through = ui.selectable_label(self.picture.inset.is_open, "Through");
+            if through.on_hover_text(Command::LookThrough.explanation()).clicked() {
                 let ctx = ui.ctx().clone();
-                self.run(&ctx, Command::Snapshot);
+                self.run(&ctx, Command::LookThrough);
             }
             self.tell_truth(ui);
         });
@@ -263,7 +265,7 @@ impl Viewer {
         let others: Vec<View> = lights.into_iter().chain(stored).collect();
         ComboBox::from_id_salt(name)
             .selected_text(view.name())
-            .width(110.0)
+            .width(86.0)
             .height(500.0)
             .show_ui(ui, |ui| {
                 for choice in PLAIN.into_iter().chain(others) {
@@ -370,6 +372,7 @@ impl Viewer {
             names: [self.pane_name(0), self.pane_name(1)],
             in_stops: self.views[0] == View::Luminance,
             is_open: self.shot.is_some(),
+            eye: self.eye(),
         };
         self.picture.ui(ui, &mut self.document, &around);
     }

@@ -10,6 +10,7 @@ use relume::transfer::Report;
 use super::Viewer;
 use crate::develop::Recipe;
 use crate::lighting::Order;
+use crate::through;
 use crate::truth;
 use crate::view::View;
 
@@ -54,6 +55,13 @@ impl Viewer {
             };
             self.lighting.order(order.clone());
             self.ordered = Some(order);
+        }
+        if let (Some(eye), Some(transfer)) = (self.eye(), self.transfer.clone()) {
+            let order = through::Order { transfer, eye };
+            if self.looked.as_ref() != Some(&order) {
+                self.looking.order(order.clone());
+                self.looked = Some(order);
+            }
         }
         self.order_truth();
         self.develop();

@@ -2,6 +2,7 @@
 
 mod frame;
 mod gizmo;
+mod inset;
 mod tool;
 
 use std::sync::Arc;
@@ -19,6 +20,7 @@ use crate::lighting;
 use frame::{Frame, Framing};
 use gizmo::{Drag, Gizmo, Handle};
 
+pub(crate) use inset::Inset;
 pub(crate) use tool::Tool;
 
 /// How near the pointer must be to a light to select it, points.
@@ -49,6 +51,8 @@ pub(crate) struct Picture {
     held: Held,
     /// The pixel under the pointer: column and row.
     pub(crate) probe: Option<(usize, usize)>,
+    /// What the selected light sees.
+    pub(crate) inset: Inset,
 }
 
 /// What the pressed pointer has taken hold of.
@@ -74,6 +78,8 @@ pub(crate) struct Around<'a> {
     pub(crate) in_stops: bool,
     /// Whether anything is open.
     pub(crate) is_open: bool,
+    /// What the selected light is looked through with.
+    pub(crate) eye: Option<relume::Camera>,
 }
 
 impl Default for Picture {
@@ -91,6 +97,7 @@ impl Default for Picture {
             shows_lights: true,
             held: Held::Nothing,
             probe: None,
+            inset: Inset::default(),
         }
     }
 }
@@ -127,7 +134,7 @@ impl Picture {
 
     /// Whether the pointer holds a light: keys that would change the list wait.
     pub(crate) fn is_held(&self) -> bool {
-        matches!(self.held, Held::Handle(_) | Held::Tool(_))
+        self.inset.is_held || matches!(self.held, Held::Handle(_) | Held::Tool(_))
     }
 
     pub(crate) fn fit(&mut self) {
@@ -160,6 +167,9 @@ impl Picture {
         self.paint(ui, &frame, around);
         if let Some(lit) = around.lit.filter(|_| self.shows_lights) {
             self.paint_lights(ui, &response, (&frame, lit), document, around.anchor);
+        }
+        if let (Some(eye), Some(light)) = (&around.eye, document.selected_light()) {
+            self.inset.ui(ui, room, light, eye);
         }
         if let Some(hint) = self.tool.hint() {
             label(ui, room.left_bottom() + vec2(10.0, -10.0), Align2::LEFT_BOTTOM, hint);

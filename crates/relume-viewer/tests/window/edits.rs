@@ -255,3 +255,30 @@ fn keys_wait_while_a_light_is_held() {
     window.harness.run_steps(3);
     assert_eq!(names(&window), before);
 }
+
+#[test]
+fn a_light_is_looked_through_and_turned_so() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    window.click("statue");
+    let LightKind::Spot { position, target, .. } = window.light("statue").kind else { panic!("a spot") };
+    window.key(Modifiers::NONE, Key::T);
+    while window.harness.query_by_label("Through the light").is_none() {
+        window.harness.step();
+    }
+    let inset = window.harness.get_by_label("Through the light").rect().center();
+    window.drag(inset, inset + vec2(40.0, 0.0));
+    let LightKind::Spot { position: stays, target: turned, .. } = window.light("statue").kind else {
+        panic!("a spot")
+    };
+    assert_eq!(stays, position);
+    let angle = (target - position).angle_between(turned - position).to_degrees();
+    assert!((2.0..15.0).contains(&angle), "turned by {angle} degrees");
+    window.settle();
+    window.key(Modifiers::COMMAND, Key::Z);
+    assert!(matches!(window.light("statue").kind, LightKind::Spot { target: now, .. } if now == target));
+    // a dome is everywhere: there is nothing to look through
+    window.choose("Add", "Dome");
+    window.settle();
+    assert!(window.harness.query_by_label("Through the light").is_none());
+}

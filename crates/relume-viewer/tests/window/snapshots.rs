@@ -27,9 +27,14 @@ fn can_draw() -> bool {
     adapter.is_ok()
 }
 
+/// What may differ: another processor rounds light and text otherwise, by a step or two of 255 and at a few edges. A change that anyone would see is a thousand
+/// times that (`a_picture_that_was_changed_is_noticed`).
+fn within() -> SnapshotOptions {
+    SnapshotOptions::new().threshold(8.0).max_failed_pixels(300)
+}
+
 fn options() -> SnapshotOptions {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/snapshots");
-    SnapshotOptions::new().output_path(folder)
+    within().output_path(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/snapshots"))
 }
 
 /// Opens the window where it can be drawn.
@@ -75,7 +80,7 @@ fn a_picture_that_was_changed_is_noticed() {
     let folder = folder();
     let mut window = open(folder.path());
     let own = tempfile::tempdir().unwrap();
-    let options = || SnapshotOptions::new().output_path(own.path());
+    let options = || within().output_path(own.path());
     // the first time there is nothing to compare with: it is kept
     mask(&mut window);
     let first = window.harness.render().unwrap();
@@ -84,8 +89,11 @@ fn a_picture_that_was_changed_is_noticed() {
     assert!(window.harness.try_snapshot_options("state", &options()).is_ok());
     let exposure =
         window.harness.get_by_role_and_label(eframe::egui::accesskit::Role::SpinButton, "Exposure");
-    exposure.set_value_accesskit(0.5);
+    exposure.set_value_accesskit(0.3);
     window.settle();
     mask(&mut window);
-    assert!(window.harness.try_snapshot_options("state", &options()).is_err(), "half a stop was not noticed");
+    assert!(
+        window.harness.try_snapshot_options("state", &options()).is_err(),
+        "a third of a stop was not noticed"
+    );
 }

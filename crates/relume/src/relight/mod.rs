@@ -7,6 +7,7 @@
 mod direct;
 mod edits;
 mod emission;
+mod through;
 mod upsample;
 
 use std::borrow::Cow;
@@ -23,6 +24,8 @@ use crate::shade::Dome;
 use crate::trace::Accel;
 use crate::transfer::{CloudBounces, Operator, Transfer, Work};
 use crate::{Error, Progress, Result};
+
+pub use through::look_through;
 
 use edits::Edits;
 use emission::Glow;

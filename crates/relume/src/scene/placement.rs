@@ -1,8 +1,8 @@
 //! Moving lights by what they do.
 
-use glam::{Quat, Vec3};
+use glam::{Affine3A, Mat3, Quat, Vec3};
 
-use super::{Light, LightKind};
+use super::{Camera, Light, LightKind};
 
 /// A point of a surface as it is seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,6 +39,27 @@ impl Light {
             LightKind::Distant { direction, .. } => direction.try_normalize(),
             LightKind::Omni { .. } | LightKind::Dome { .. } => None,
         }
+    }
+
+    /// A camera that sees what it shines at: a spot's cone, the same width as height; from an omni light towards `center`; of a distant light, from far beyond a
+    /// ball of `radius` metres around that. `None` for a dome, which is everywhere.
+    pub fn camera(&self, center: Vec3, radius: f32) -> Option<Camera> {
+        let (position, towards, vertical_fov) = match self.kind {
+            LightKind::Omni { position, .. } => (position, center - position, WIDE),
+            LightKind::Spot { position, target, outer_angle, .. } => {
+                (position, target - position, (2.0 * outer_angle.to_radians()).min(WIDEST))
+            }
+            LightKind::Distant { direction, .. } => {
+                let away = AWAY * radius;
+                (center - direction.normalize_or(Vec3::NEG_Y) * away, direction, 2.0 * AWAY.recip().atan())
+            }
+            LightKind::Dome { .. } => return None,
+        };
+        let back = -towards.try_normalize()?;
+        let right = Vec3::Y.cross(back).try_normalize().unwrap_or(Vec3::X);
+        let axes = Mat3::from_cols(right, back.cross(right), back);
+        let world_from_camera = Affine3A::from_mat3_translation(axes, position);
+        Some(Camera { name: self.name.clone(), world_from_camera, vertical_fov })
     }
 
     /// Moves it, with its target, by so many metres; light from far away stays.
@@ -109,6 +130,12 @@ impl Light {
     }
 }
 
+/// What an omni light is looked through with, radians: a quarter of all around.
+const WIDE: f32 = 1.6;
+/// And no spot wider than this, of which less would be seen than distorted.
+const WIDEST: f32 = 2.6;
+/// How far away a distant light is looked through from, in radii of what is looked at.
+const AWAY: f32 = 12.0;
 /// A light is put no nearer to what it is placed by, metres, unless it must.
 const NEAREST: f32 = 0.05;
 
@@ -183,6 +210,32 @@ mod tests {
         dome.turn(quarter);
         assert!(matches!(dome.kind, LightKind::Dome { rotation, .. } if (rotation - 100.0).abs() < 1e-3));
         assert!(!dome.aim_at(Vec3::ZERO) && !dome.place_by_shadow(Vec3::Y, Vec3::ZERO, 1.0));
+    }
+
+    #[test]
+    fn a_light_sees_what_it_shines_at() {
+        let light = spot();
+        let camera = light.camera(Vec3::ZERO, 1.0).unwrap();
+        let (at, _) = camera.project(Vec3::ZERO, 200, 200).unwrap();
+        assert!(at.distance(glam::Vec2::splat(100.0)) < 1e-2, "the target is in the middle: {at}");
+        // the edge of its cone is that of the picture
+        let edge = Quat::from_axis_angle(camera.world_from_camera.matrix3.x_axis.into(), 20_f32.to_radians())
+            * light.direction().unwrap();
+        let (at, _) = camera.project(camera.position() + edge, 200, 200).unwrap();
+        assert!((at - glam::Vec2::splat(100.0)).abs().max_element() > 99.0, "{at}");
+        // the sun is far away, and sees a ball around the middle from edge to edge
+        for direction in [Vec3::NEG_Y, Vec3::new(0.3, -1.0, 0.2)] {
+            let mut sun = sun();
+            if let LightKind::Distant { direction: way, .. } = &mut sun.kind {
+                *way = direction;
+            }
+            let camera = sun.camera(Vec3::X, 2.0).unwrap();
+            let side: Vec3 = camera.world_from_camera.matrix3.x_axis.into();
+            let (at, depth) = camera.project(Vec3::X + 2.0 * side, 100, 100).unwrap();
+            assert!((at.x - 100.0).abs() < 0.1 && depth > 20.0, "{at} {depth}");
+        }
+        let kind = LightKind::Dome { map: None, intensity: Vec3::ONE, rotation: 0.0 };
+        assert_eq!(Light { kind, ..light }.camera(Vec3::ZERO, 1.0), None);
     }
 
     #[test]

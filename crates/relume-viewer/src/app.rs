@@ -11,6 +11,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
 use eframe::egui;
+use eframe::egui::SurrenderFocusOn;
 use relume::glam::Vec3;
 use relume::image::Image;
 use relume::image::metrics::relative_l2;
@@ -49,6 +50,8 @@ pub struct Options {
     pub state: Option<PathBuf>,
     /// How scenes are prepared that are opened later.
     pub settings: Settings,
+    /// On how many threads; 0 stands for one a processor.
+    pub threads: usize,
     /// How files are asked for.
     pub dialogs: Dialogs,
     /// Say on stderr how long after this moment pictures come (the first one, the first with indirect light, the last), and in the end how long edits took
@@ -69,6 +72,8 @@ pub struct Viewer {
     may_close: bool,
     /// Edits from before a crash, which wait for the lights that they are edits of.
     recovered: Option<LightRig>,
+    /// What is done once a field that was typed into is left.
+    after_typing: Option<Command>,
     /// What the rig was when the window was drawn last, and since when it is so.
     seen: (LightRig, Instant),
     /// Names in the rig that the shot has not, which were told.
@@ -99,7 +104,7 @@ pub struct Viewer {
     lit: Option<Arc<Frame>>,
     developer: Developer,
     /// What was developed last, and how.
-    developed: Option<(*const Frame, Recipe)>,
+    developed: Option<(Arc<Frame>, Recipe)>,
     histogram: Option<Histogram>,
     /// Negatives that were made, and the number of the one that is on the screen.
     negatives: u64,
@@ -115,7 +120,7 @@ pub struct Viewer {
     tracing: PathTracing,
     truth: Option<Truth>,
     /// How far the picture is from it, of which frame and after how many paths.
-    off: Option<(*const Frame, u32, f64)>,
+    off: Option<(Arc<Frame>, u32, f64)>,
     traced: Option<LightRig>,
 
     picture: Picture,
@@ -155,6 +160,8 @@ impl Viewer {
         let ctx = context.egui_ctx.clone();
         let preferences = Preferences::load(context.storage);
         ctx.set_theme(preferences.theme);
+        // a field that was typed into is left before the click that leaves it does anything
+        ctx.options_mut(|options| options.input_options.surrender_focus_on = SurrenderFocusOn::Presses);
         let document = match &options.rig {
             Some(rig) => Document::open(rig)?,
             None => Document::new(LightRig::default(), None),
@@ -171,6 +178,7 @@ impl Viewer {
             pending: None,
             may_close: false,
             recovered: None,
+            after_typing: None,
             seen: (document.rig.clone(), Instant::now()),
             unknown: BTreeSet::new(),
             written: channel(),
@@ -235,6 +243,7 @@ impl Viewer {
 
     /// What the selected light is looked through with, while it is.
     fn eye(&self) -> Option<relume::Camera> {
+        self.transfer.as_ref()?;
         let light = self.document.rig.lights.get(self.document.selected?)?;
         let Stage { eye, center } = self.stage();
         light.camera(center, 0.7 * eye.distance(center)).filter(|_| self.picture.inset.is_open)
@@ -272,7 +281,9 @@ impl Viewer {
             Some(Err(error)) => self.messages.error(&error),
             None => {}
         }
-        if let Some(image) = self.looking.next() {
+        if let Some((of, image)) = self.looking.next()
+            && self.transfer.as_ref().is_some_and(|transfer| Arc::ptr_eq(transfer, &of))
+        {
             self.picture.inset.take(ctx, image);
         }
         self.compare();
@@ -290,12 +301,15 @@ impl Viewer {
     /// How far the picture that is shown is from the reference of its lights.
     fn compare(&mut self) {
         let (Some(truth), Some(lit)) = (&self.truth, &self.lit) else { return self.off = None };
-        let of = (Arc::as_ptr(lit), truth.paths);
-        if truth.rig != lit.rig || self.off.is_some_and(|(frame, paths, _)| (frame, paths) == of) {
-            return;
+        if truth.rig != lit.rig {
+            return self.off = None;
         }
-        let error = relative_l2(&lit.layers.full(), &truth.image).unwrap_or(f64::NAN);
-        self.off = Some((of.0, of.1, error));
+        let is_known =
+            |(frame, paths, _): &(Arc<Frame>, u32, f64)| Arc::ptr_eq(frame, lit) && *paths == truth.paths;
+        if !self.off.as_ref().is_some_and(is_known) {
+            let error = relative_l2(&lit.layers.full(), &truth.image).unwrap_or(f64::NAN);
+            self.off = Some((Arc::clone(lit), truth.paths, error));
+        }
     }
 
     /// Takes up a picture that was lit.
@@ -309,7 +323,7 @@ impl Viewer {
         self.lit = Some(frame);
         // where something else is to be shown of it by now, it is developed once more
         if self.recipe() == recipe {
-            self.developed = self.lit.as_ref().map(|lit| (Arc::as_ptr(lit), recipe));
+            self.developed = self.lit.clone().map(|lit| (lit, recipe));
             self.negatives += 1;
             self.printed = self.negatives;
             self.show(ctx, print);
@@ -360,7 +374,8 @@ impl Viewer {
         if !self.wants_lights || !scene_is_read || self.transfer.is_none() {
             return;
         }
-        let shines = !self.emissive.is_empty();
+        // of direct light alone it is not known yet who else shines
+        let shines = self.report().is_some_and(|report| report.named_materials().any(|(_, shines)| shines));
         if self.document.is_untouched() && self.document.rig.lights.is_empty() && !shines {
             let stage = self.stage();
             self.document.add(NewLight::Omni, stage);
@@ -372,9 +387,26 @@ impl Viewer {
     /// Takes up what was recovered, once it is known of what it is an edit.
     fn base_is_known(&mut self) {
         self.wants_lights = false;
-        if let Some(rig) = self.recovered.take().filter(|rig| *rig != self.document.rig) {
+        if !self.document.is_untouched() {
+            self.give_up_recovered();
+        } else if let Some(rig) = self.recovered.take().filter(|rig| *rig != self.document.rig) {
             self.document.recover(rig);
             self.messages.warn("Edits that were never saved are here again; Edit, Undo drops them");
+        }
+    }
+
+    /// Puts edits of an earlier time out of the way of those of today.
+    fn give_up_recovered(&mut self) {
+        if self.recovered.take().is_some() {
+            self.set_aside();
+        }
+    }
+
+    /// Puts what is kept for the rig out of the way, and tells where it is.
+    fn set_aside(&mut self) {
+        if let Some(autosave) = &self.autosave {
+            let aside = autosave.set_aside().display().to_string();
+            self.messages.warn(format!("Unsaved edits of an earlier time are in {aside}"));
         }
     }
 
@@ -428,6 +460,9 @@ impl Viewer {
         let left = AUTOSAVE_AFTER.saturating_sub(edited.elapsed());
         if !left.is_zero() {
             return ctx.request_repaint_after(left);
+        }
+        if self.recovered.is_some() {
+            return; // its file is not to be written over
         }
         self.edited = None;
         let Some(autosave) = &self.autosave else { return };
@@ -512,12 +547,12 @@ impl Viewer {
     /// Of the path-traced picture: paths a pixel, relative L2 of its noise, and of the relit picture against it.
     pub fn reference(&self) -> Option<(u32, f64, f64)> {
         let truth = self.truth.as_ref()?;
-        Some((truth.paths, truth.noise, self.off?.2))
+        Some((truth.paths, truth.noise, self.off.as_ref()?.2))
     }
 
     /// Whether that is of the lights that are lit now.
     pub fn reference_is_current(&self) -> bool {
-        self.off.zip(self.lit.as_ref()).is_some_and(|((frame, ..), lit)| frame == Arc::as_ptr(lit))
+        self.off.as_ref().zip(self.lit.as_ref()).is_some_and(|((frame, ..), lit)| Arc::ptr_eq(frame, lit))
     }
 
     /// How long edits took to be seen, the newest last.

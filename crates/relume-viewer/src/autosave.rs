@@ -48,9 +48,14 @@ impl Autosave {
         atomic_write(&self.file, |file| file.write_all(text.as_bytes()).map_err(refused))
     }
 
-    /// Puts what cannot be read out of the way, and returns where it is: someone may mend it.
+    /// Whether anything is kept.
+    pub(crate) fn is_there(&self) -> bool {
+        self.file.exists()
+    }
+
+    /// Puts what is kept out of the way, and returns where it is.
     pub(crate) fn set_aside(&self) -> PathBuf {
-        let aside = (1..).map(|number| self.file.with_extension(format!("unreadable-{number}.toml")));
+        let aside = (1..).map(|number| self.file.with_extension(format!("aside-{number}.toml")));
         let aside = aside.into_iter().find(|path| !path.exists()).unwrap_or_default();
         // where that fails it stays, and is told again
         let _ = std::fs::rename(&self.file, &aside);

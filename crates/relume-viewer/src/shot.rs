@@ -284,12 +284,12 @@ impl Opening {
             self.tell(Event::Transfer(Arc::new(Transfer::load(path)?)));
             return Ok(None);
         }
-        let (cache, known) = self.known()?;
         // before the scene is read, so that the next opening is instant; of a named camera the scene has to tell the number
-        let shown = known.filter(|known| {
-            self.source.camera.is_none() && known.report.settings.camera == self.source.settings.camera
-        });
-        if let Some(known) = &shown {
+        let early = match &self.source.camera {
+            None => Some(self.known(self.source.settings.camera)?),
+            Some(_) => None,
+        };
+        if let Some((_, Some(known))) = &early {
             self.tell(Event::Transfer(Arc::clone(known)));
         }
         let imported = load_scene(path)?;
@@ -300,7 +300,8 @@ impl Opening {
             None => self.source.settings.camera,
         };
         let settings = Settings { camera, ..self.source.settings.clone() };
-        if let Some(known) = shown.or_else(|| Transfer::load(&cache).ok().map(Arc::new)) {
+        let (cache, known) = early.map_or_else(|| self.known(camera), Ok)?;
+        if let Some(known) = known {
             if preparation(&scene, path, &settings).would_make(&known)? {
                 if self.source.camera.is_some() {
                     self.tell(Event::Transfer(known));
@@ -315,11 +316,12 @@ impl Opening {
         self.prepare(scene, settings, &cache).map(Some)
     }
 
-    /// Where the transfer is kept, and what lies there already that was made by the same settings, whatever its camera. What was made by others is left alone.
+    /// Where the transfer is kept, and what lies there already that was made by the same settings. What was made by others is left alone.
     ///
     /// # Errors
     /// [`Error::File`] where the file that was asked for is something else.
-    fn known(&self) -> Result<(PathBuf, Option<Arc<Transfer>>)> {
+    fn known(&self, camera: usize) -> Result<(PathBuf, Option<Arc<Transfer>>)> {
+        let wanted = Settings { camera, ..self.source.settings.clone() };
         let mut left_alone = None;
         for cache in self.source.caches() {
             if !cache.exists() {
@@ -327,11 +329,10 @@ impl Opening {
             }
             let why = match Transfer::load(&cache) {
                 Ok(transfer) => {
-                    let made_by = &transfer.report.settings;
-                    if *made_by == (Settings { camera: made_by.camera, ..self.source.settings.clone() }) {
+                    if transfer.report.settings == wanted {
                         return Ok((cache, Some(Arc::new(transfer))));
                     }
-                    "was prepared with other settings".to_owned()
+                    "was prepared with other settings, or for another camera".to_owned()
                 }
                 Err(error) => format!("cannot be used ({error})"),
             };

@@ -29,7 +29,7 @@ impl PartialEq for Order {
 /// The worker, for as long as this lives.
 pub(crate) struct Looking {
     orders: Arc<Mailbox<Order>>,
-    images: Receiver<ColorImage>,
+    images: Receiver<(Arc<Transfer>, ColorImage)>,
 }
 
 impl Looking {
@@ -40,7 +40,8 @@ impl Looking {
         let waiting = Arc::clone(&orders);
         std::thread::Builder::new().name("looking".to_owned()).spawn(move || {
             while let Some(order) = waiting.take() {
-                if sender.send(order.look()).is_err() {
+                let image = order.look();
+                if sender.send((order.transfer, image)).is_err() {
                     break;
                 }
                 wake();
@@ -54,8 +55,8 @@ impl Looking {
         self.orders.put(order);
     }
 
-    /// The newest image since the last call.
-    pub(crate) fn next(&self) -> Option<ColorImage> {
+    /// The newest image since the last call, and of what it is.
+    pub(crate) fn next(&self) -> Option<(Arc<Transfer>, ColorImage)> {
         self.images.try_iter().last()
     }
 }

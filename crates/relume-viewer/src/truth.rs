@@ -49,8 +49,10 @@ impl PathTracing {
         let orders = Arc::new(Mailbox::default());
         let (sender, truths) = channel();
         // not the pool of frames, which would wait for its tiles
-        let pool =
-            rayon::ThreadPoolBuilder::new().thread_name(|number| format!("path tracing {number}")).build();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(rayon::current_num_threads())
+            .thread_name(|number| format!("path tracing {number}"))
+            .build();
         let pool = pool.map_err(std::io::Error::other)?;
         let worker = Worker { orders: Arc::clone(&orders), truths: sender, wake: Box::new(wake) };
         std::thread::Builder::new().name("path tracing".to_owned()).spawn(move || worker.run(&pool))?;
@@ -96,7 +98,7 @@ impl Worker {
             let same = known.take_if(|(scene, ..)| Arc::ptr_eq(scene, &order.scene));
             let (_, geometry, accel) = known.insert(same.unwrap_or_else(|| {
                 let geometry = Geometry::new(&order.scene);
-                let accel = Accel::new(&order.scene, &geometry);
+                let accel = pool.install(|| Accel::new(&order.scene, &geometry));
                 (Arc::clone(&order.scene), geometry, accel)
             }));
             match pool.install(|| self.refine(&order, geometry, accel)) {

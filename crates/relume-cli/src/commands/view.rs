@@ -103,5 +103,6 @@ pub(crate) fn run(arguments: &Arguments, _: &Console) -> Result<()> {
     });
     let state = arguments.state.clone().or_else(relume_viewer::state_folder);
     let rig = arguments.rig.clone();
-    relume_viewer::run(Options { source, rig, state, settings, dialogs: Dialogs::Native, times })
+    let threads = arguments.threads.count();
+    relume_viewer::run(Options { source, rig, state, settings, threads, dialogs: Dialogs::Native, times })
 }

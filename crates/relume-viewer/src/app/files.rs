@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
 
 use eframe::egui;
 use relume::glam::Vec3;
@@ -25,6 +24,7 @@ impl Viewer {
         (self.scene, self.transfer, self.lit, self.ordered) = (None, None, None, None);
         (self.truth, self.traced, self.developed, self.print) = (None, None, None, None);
         self.tracing.order(None);
+        self.looked = None;
         // prints that are still to come are of the shot before
         self.negatives += 1;
         self.printed = self.negatives;
@@ -51,11 +51,19 @@ impl Viewer {
             return;
         }
         let before = std::mem::replace(&mut self.autosave, autosave);
-        let Some(autosave) = &self.autosave else { return };
+        // what waits there for lights of another shot waits on, in its file
+        let waited = self.recovered.take().is_some();
+        let Some(autosave) = self.autosave.clone() else { return };
         if !self.document.is_untouched() {
-            // edits of today go before those of another day, which are left where they are until these are saved
-            self.edited = Some(Instant::now());
-            before.iter().for_each(Autosave::forget);
+            // edits of today go before those of another day
+            if autosave.is_there() {
+                self.set_aside();
+            }
+            match autosave.keep(&self.document.rig) {
+                Ok(()) if !waited => before.iter().for_each(Autosave::forget),
+                Ok(()) => {}
+                Err(error) => self.messages.error(&error),
+            }
             return;
         }
         match autosave.recovered() {
@@ -78,8 +86,9 @@ impl Viewer {
     pub(super) fn open_rig(&mut self, path: &Path) {
         match Document::open(path) {
             Ok(document) => {
-                // whoever had edits there was asked
-                self.autosave.take().iter().for_each(Autosave::forget);
+                // whoever had edits there was asked; those of an earlier time wait on in their file
+                let waits = self.recovered.take().is_some();
+                self.autosave.take().iter().filter(|_| !waits).for_each(Autosave::forget);
                 self.document = document;
                 self.wants_lights = false;
                 self.unknown.clear();
@@ -95,9 +104,8 @@ impl Viewer {
         let path = if path.extension().is_none() { path.with_extension("toml") } else { path.to_owned() };
         match self.document.save(&path) {
             Ok(()) => {
-                if let Some(autosave) = self.autosave.take() {
-                    autosave.forget();
-                }
+                self.give_up_recovered();
+                self.autosave.take().iter().for_each(Autosave::forget);
                 self.autosave =
                     self.options.state.as_ref().map(|state| Autosave::new(&state.join("unsaved"), &path));
                 self.preferences.remember(&path);
@@ -133,7 +141,7 @@ impl Viewer {
             }
             _ => {
                 let settings = self.options.settings.clone();
-                self.open_shot(ctx, Source { settings, ..Source::new(path) });
+                self.open_shot(ctx, Source { settings, threads: self.options.threads, ..Source::new(path) });
             }
         }
     }

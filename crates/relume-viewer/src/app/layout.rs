@@ -9,7 +9,6 @@ use eframe::egui::{
 use relume::LightKind;
 
 use super::{Pending, Viewer};
-use crate::autosave::Autosave;
 use crate::command::Command;
 use crate::dialog::Purpose;
 use crate::document::NewLight;
@@ -57,8 +56,14 @@ impl eframe::App for Viewer {
     fn on_exit(&mut self) {
         self.tell_latencies();
         // saved, or given up; whatever else ends the window leaves them for the next time
+        let Some(autosave) = &self.autosave else { return };
+        if self.recovered.is_some() {
+            return; // what is there has not been seen yet
+        }
         if self.may_close || !self.document.is_changed() {
-            self.autosave.iter().for_each(Autosave::forget);
+            autosave.forget();
+        } else if let Err(error) = autosave.keep(&self.document.rig) {
+            eprintln!("error: {error}");
         }
     }
 }
@@ -76,10 +81,21 @@ impl Viewer {
         if self.question.is_open() || self.pending.is_some() || self.picture.is_held() {
             return;
         }
+        if let Some(command) = self.after_typing.take() {
+            self.run(ctx, command);
+        }
         let types = ctx.egui_wants_keyboard_input();
         for (command, key) in Command::keys() {
             // letters alone belong to whoever types
-            if (!types || key.modifiers.any()) && ctx.input_mut(|input| input.consume_shortcut(&key)) {
+            if (types && !key.modifiers.any()) || !ctx.input_mut(|input| input.consume_shortcut(&key)) {
+                continue;
+            }
+            if types && matches!(command, Command::Save | Command::SaveAs | Command::Close) {
+                // what is being typed is to be in it: it is taken up once its field is left
+                ctx.memory_mut(|memory| memory.focused().map(|id| memory.surrender_focus(id)));
+                ctx.request_repaint();
+                self.after_typing = Some(command);
+            } else {
                 self.run(ctx, command);
             }
         }
@@ -245,6 +261,7 @@ impl Viewer {
             Some(truth) => {
                 let off = self
                     .off
+                    .as_ref()
                     .filter(|_| self.reference_is_current())
                     .map_or("of earlier lights".to_owned(), |(_, _, error)| {
                         format!("off by {:.1}%", 100.0 * error)

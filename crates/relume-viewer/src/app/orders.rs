@@ -9,7 +9,7 @@ use relume::transfer::Report;
 
 use super::Viewer;
 use crate::develop::Recipe;
-use crate::lighting::Order;
+use crate::lighting::{Frame, Order};
 use crate::through;
 use crate::truth;
 use crate::view::View;
@@ -62,6 +62,8 @@ impl Viewer {
                 self.looking.order(order.clone());
                 self.looked = Some(order);
             }
+        } else {
+            self.looked = None;
         }
         self.order_truth();
         self.develop();
@@ -119,11 +121,12 @@ impl Viewer {
     /// Has shown what there is, where it is not shown so already.
     fn develop(&mut self) {
         let Some(lit) = &self.lit else { return };
-        let wanted = (Arc::as_ptr(lit), self.recipe());
-        if self.developed.as_ref() != Some(&wanted) {
+        let recipe = self.recipe();
+        let is_shown = |(frame, how): &(Arc<Frame>, Recipe)| Arc::ptr_eq(frame, lit) && *how == recipe;
+        if !self.developed.as_ref().is_some_and(is_shown) {
             self.negatives += 1;
-            self.developer.order(self.negatives, Arc::clone(lit), wanted.1.clone());
-            self.developed = Some(wanted);
+            self.developer.order(self.negatives, Arc::clone(lit), recipe.clone());
+            self.developed = Some((Arc::clone(lit), recipe));
         }
     }
 }

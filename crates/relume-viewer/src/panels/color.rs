@@ -97,6 +97,8 @@ pub(crate) fn light(ui: &mut Ui, color: &mut Vec3, unit: &str, measure: &mut Mea
     ui.end_row();
 
     if (strength, hue) != (was, hue_was) {
+        // arrow keys step past the range
+        strength = if strength == was { was } else { strength.clamp(0.0, STRONGEST) };
         ui.data_mut(|data| data.insert_temp(ui.scope_id().with("hue"), hue.to_array()));
         *color = hue * strength;
     }

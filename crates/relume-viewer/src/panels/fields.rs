@@ -89,14 +89,16 @@ fn triple(ui: &mut Ui, name: &str, what: &str, value: &mut Vec3, speed: f64) {
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         for (axis, component) in ["X", "Y", "Z"].into_iter().zip(value.as_mut()) {
-            let drag = DragValue::new(component)
+            let drag = DragValue::new(&mut *component)
                 .speed(speed)
                 .range(-FAR..=FAR)
                 .clamp_existing_to_range(false)
                 .update_while_editing(false)
                 .max_decimals(3)
                 .prefix(format!("{axis} "));
-            ui.add(drag).on_hover_text(format!("{name} {axis}, {what}"));
+            if ui.add(drag).on_hover_text(format!("{name} {axis}, {what}")).changed() {
+                *component = component.clamp(-FAR, FAR); // arrow keys step past the range
+            }
         }
     });
     ui.end_row();
@@ -104,27 +106,32 @@ fn triple(ui: &mut Ui, name: &str, what: &str, value: &mut Vec3, speed: f64) {
 
 fn length(ui: &mut Ui, name: &str, what: &str, value: &mut f32) {
     let label = ui.label(name);
-    let drag = DragValue::new(value)
+    let drag = DragValue::new(&mut *value)
         .speed(0.002)
         .range(0.0..=FAR)
         .clamp_existing_to_range(false)
         .update_while_editing(false)
         .max_decimals(3)
         .suffix(" m");
-    ui.add(drag).labelled_by(label.id).on_hover_text(what);
+    if ui.add(drag).labelled_by(label.id).on_hover_text(what).changed() {
+        *value = value.clamp(0.0, FAR);
+    }
     ui.end_row();
 }
 
 fn angle(ui: &mut Ui, name: &str, what: &str, value: &mut f32, range: RangeInclusive<f32>) -> Response {
     let label = ui.label(name);
-    let drag = DragValue::new(value)
+    let drag = DragValue::new(&mut *value)
         .speed(0.2)
-        .range(range)
+        .range(range.clone())
         .clamp_existing_to_range(false)
         .update_while_editing(false)
         .max_decimals(2)
         .suffix("°");
     let response = ui.add(drag).labelled_by(label.id).on_hover_text(what);
+    if response.changed() {
+        *value = value.clamp(*range.start(), *range.end());
+    }
     ui.end_row();
     response
 }

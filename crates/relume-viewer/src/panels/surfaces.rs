@@ -26,7 +26,7 @@ pub(crate) fn emitters(ui: &mut Ui, rig: &mut LightRig, report: &Report, shining
                 .max_decimals(3)
                 .prefix("x ");
             if ui.add(drag).on_hover_text(format!("{name}: times what it emits in the scene")).changed() {
-                scale = hue * strength;
+                scale = hue * strength.clamp(0.0, BRIGHTEST); // arrow keys step past the range
             }
             let mut rgb = hue.to_array();
             let picker = color_picker::color_edit_button_rgb(ui, &mut rgb);

@@ -1,8 +1,8 @@
 //! What the selected light sees, in a corner of the picture.
 
 use eframe::egui::{
-    self, Color32, ColorImage, CursorIcon, Rect, Sense, Stroke, StrokeKind, TextureHandle, TextureOptions,
-    Ui, pos2, vec2,
+    self, Color32, ColorImage, CursorIcon, Key, PointerButton, Rect, Sense, Stroke, StrokeKind,
+    TextureHandle, TextureOptions, Ui, pos2, vec2,
 };
 use relume::glam::{Quat, Vec3};
 use relume::{Camera, Light, LightKind};
@@ -17,8 +17,8 @@ const MARGIN: f32 = 12.0;
 pub(crate) struct Inset {
     texture: Option<TextureHandle>,
     pub(crate) is_open: bool,
-    /// Whether the light is being turned in it.
-    pub(super) is_held: bool,
+    /// While the light is being turned in it: the light as it was.
+    held: Option<Light>,
 }
 
 impl Inset {
@@ -30,18 +30,41 @@ impl Inset {
         }
     }
 
+    /// Whether the light is being turned in it.
+    pub(super) fn is_held(&self) -> bool {
+        self.held.is_some()
+    }
+
+    /// Lets the light go.
+    pub(super) fn let_go(&mut self) {
+        self.held = None;
+    }
+
+    /// Forgets what is shown.
+    pub(super) fn clear(&mut self) {
+        (self.texture, self.held) = (None, None);
+    }
+
     /// Draws it; dragging in it turns the light, as if one held it.
     pub(crate) fn ui(&mut self, ui: &Ui, room: Rect, light: &mut Light, eye: &Camera) {
-        self.is_held = false;
-        let Some(texture) = self.texture.as_ref().filter(|_| self.is_open) else { return };
+        let Some(texture) = self.texture.clone().filter(|_| self.is_open) else { return };
         let side = SIDE.min(0.5 * room.height()).min(0.5 * room.width());
         let rect =
             Rect::from_min_size(room.right_bottom() - egui::Vec2::splat(side + MARGIN), vec2(side, side));
         let response = ui.interact(rect, ui.scope_id().with("inset"), Sense::drag());
         response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, "Through the light"));
         let response = response.on_hover_and_drag_cursor(CursorIcon::Grab);
-        self.is_held = response.dragged();
-        if self.is_held {
+        if response.drag_started_by(PointerButton::Primary) {
+            self.held = Some(light.clone());
+        }
+        if ui.input(|input| input.key_pressed(Key::Escape) && input.pointer.any_down()) {
+            if let Some(held) = self.held.take().filter(|held| held.name == light.name) {
+                *light = held;
+            }
+        }
+        if !response.dragged() {
+            self.held = None;
+        } else if self.held.is_some() {
             turn(light, eye, response.drag_delta() / side);
         }
         let painter = ui.painter_at(room);

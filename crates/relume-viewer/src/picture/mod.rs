@@ -130,11 +130,12 @@ impl Picture {
     pub(crate) fn clear(&mut self) {
         (self.left, self.right, self.images) = (None, None, None);
         (self.held, self.tool) = (Held::Nothing, Tool::Select);
+        self.inset.clear();
     }
 
     /// Whether the pointer holds a light: keys that would change the list wait.
     pub(crate) fn is_held(&self) -> bool {
-        self.inset.is_held || matches!(self.held, Held::Handle(_) | Held::Tool(_))
+        self.inset.is_held() || matches!(self.held, Held::Handle(_) | Held::Tool(_))
     }
 
     pub(crate) fn fit(&mut self) {
@@ -168,8 +169,9 @@ impl Picture {
         if let Some(lit) = around.lit.filter(|_| self.shows_lights) {
             self.paint_lights(ui, &response, (&frame, lit), document, around.anchor);
         }
-        if let (Some(eye), Some(light)) = (&around.eye, document.selected_light()) {
-            self.inset.ui(ui, room, light, eye);
+        match (&around.eye, document.selected_light()) {
+            (Some(eye), Some(light)) => self.inset.ui(ui, room, light, eye),
+            _ => self.inset.let_go(),
         }
         if let Some(hint) = self.tool.hint() {
             label(ui, room.left_bottom() + vec2(10.0, -10.0), Align2::LEFT_BOTTOM, hint);

@@ -72,6 +72,7 @@ impl Window {
             state: Some(folder.join("state")),
             dialogs: Dialogs::Typed,
             settings: settings(),
+            threads: 0,
             times: None,
         };
         // as fast as a display, so that two clicks are a double one

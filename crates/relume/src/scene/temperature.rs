@@ -54,22 +54,50 @@ pub fn nearest_temperature(color: Vec3) -> Option<f32> {
 mod tests {
     use super::*;
 
-    #[test]
-    fn colours_are_those_of_published_tables() {
-        // M. Charity, "What color is a blackbody?" (CIE 1931 2 degrees, D65), sRGB encoded; its figures are of Planck's law, not of a fit
-        for (kelvin, published) in [
-            (2000.0, [255, 137, 14]),
-            (3000.0, [255, 180, 107]),
-            (5000.0, [255, 228, 206]),
-            (10_000.0, [202, 218, 255]),
-        ] {
-            let encoded = black_body_color(kelvin)
-                .to_array()
-                .map(|channel| crate::image::display::srgb_from_linear(channel) * 255.0);
-            for (found, published) in encoded.into_iter().zip(published) {
-                assert!((found - published as f32).abs() < 6.0, "{kelvin}: {encoded:?}, not {published}");
-            }
+    /// CIE 1931 colour matching functions at a wavelength in nm, by the fit of Wyman, Sloan and Shirley, "Simple analytic approximations to the CIE XYZ color
+    /// matching functions", JCGT 2(2), 2013.
+    fn matching(nm: f64) -> [f64; 3] {
+        let lobe = |height: f64, middle: f64, left: f64, right: f64| {
+            let width = if nm < middle { left } else { right };
+            height * (-0.5 * ((nm - middle) / width).powi(2)).exp()
+        };
+        [
+            lobe(1.056, 599.8, 37.9, 31.0) + lobe(0.362, 442.0, 16.0, 26.7) + lobe(-0.065, 501.1, 20.4, 26.2),
+            lobe(0.821, 568.8, 46.9, 40.5) + lobe(0.286, 530.9, 16.3, 31.1),
+            lobe(1.217, 437.0, 11.8, 36.0) + lobe(0.681, 459.0, 26.0, 13.8),
+        ]
+    }
+
+    /// Chromaticity of a black body, by Planck's law.
+    fn planck(kelvin: f64) -> [f64; 2] {
+        let mut sums = [0.0; 3];
+        for nm in 360..=830 {
+            let metres = f64::from(nm) * 1e-9;
+            let radiance = metres.powi(-5) / ((1.438_777e-2 / (metres * kelvin)).exp() - 1.0);
+            let matching = matching(f64::from(nm));
+            sums.iter_mut().zip(matching).for_each(|(sum, matching)| *sum += radiance * matching);
         }
+        let all: f64 = sums.iter().sum();
+        [sums[0] / all, sums[1] / all]
+    }
+
+    fn chromaticity(kelvin: f32) -> [f64; 2] {
+        let xyz = REC709_FROM_XYZ.inverse() * black_body_color(kelvin);
+        [xyz.x, xyz.y].map(|value| f64::from(value / xyz.element_sum()))
+    }
+
+    #[test]
+    fn colours_are_those_of_black_bodies() {
+        // beyond these some of a black body's light is outside Rec. 709
+        for kelvin in [2000_u16, 2700, 3500, 5000, 6500, 9000, 14_000, 20_000] {
+            let (found, law) = (chromaticity(f32::from(kelvin)), planck(f64::from(kelvin)));
+            let off = (found[0] - law[0]).hypot(found[1] - law[1]);
+            assert!(off < 0.005, "{kelvin}: {found:?}, by the law {law:?}");
+        }
+        // CIE standard illuminant A
+        let [x, y] = chromaticity(2856.0);
+        assert!((x - 0.447_57).abs() < 1e-3 && (y - 0.407_45).abs() < 1e-3, "{x} {y}");
+        assert_eq!(black_body_color(3000.0).max_element(), 1.0);
     }
 
     #[test]

@@ -225,3 +225,25 @@ fn another_shot_takes_the_place_of_the_first() {
     assert!(!window.is_said("Snapshot 1"));
     assert!(folder.path().join("parlour.relume").is_file());
 }
+
+/// Edits that wait for the scene they are edits of are not lost where the window closes before that is read.
+#[test]
+fn edits_that_wait_outlive_a_short_look() {
+    let folder = folder();
+    let mut window = Window::open_with(folder.path(), None);
+    window.choose("Add", "Spot");
+    window.settle();
+    let edited = window.rig().clone();
+    let kept = folder.path().join("state/unsaved");
+    while std::fs::read_dir(&kept).map_or(0, Iterator::count) == 0 {
+        window.harness.step();
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    drop(window);
+    let mut window = Window::begin(folder.path(), None, Harness::builder());
+    eframe::App::on_exit(window.harness.state_mut());
+    drop(window);
+    let window = Window::open_with(folder.path(), None);
+    assert_eq!(*window.rig(), edited);
+    assert!(window.is_said("never saved"));
+}

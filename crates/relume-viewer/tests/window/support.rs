@@ -65,6 +65,17 @@ impl Window {
         rig: Option<&str>,
         builder: egui_kittest::HarnessBuilder<Viewer>,
     ) -> Self {
+        let mut window = Self::begin(folder, rig, builder);
+        window.settle();
+        window
+    }
+
+    /// Opens it, and waits for nothing.
+    pub(crate) fn begin(
+        folder: &Path,
+        rig: Option<&str>,
+        builder: egui_kittest::HarnessBuilder<Viewer>,
+    ) -> Self {
         let source = Source { settings: settings(), ..Source::new(folder.join("arcade.glb")) };
         let options = Options {
             source: Some(source),
@@ -78,9 +89,7 @@ impl Window {
         // as fast as a display, so that two clicks are a double one
         let builder = builder.with_size([1280.0, 800.0]).with_max_steps(64).with_step_dt(1.0 / 60.0);
         let harness = builder.build_eframe(move |context| Viewer::new(context, options).unwrap());
-        let mut window = Self { harness };
-        window.settle();
-        window
+        Self { harness }
     }
 
     /// Steps until `done`.

@@ -57,10 +57,10 @@ impl Inset {
         if response.drag_started_by(PointerButton::Primary) {
             self.held = Some(light.clone());
         }
-        if ui.input(|input| input.key_pressed(Key::Escape) && input.pointer.any_down()) {
-            if let Some(held) = self.held.take().filter(|held| held.name == light.name) {
-                *light = held;
-            }
+        if ui.input(|input| input.key_pressed(Key::Escape) && input.pointer.any_down())
+            && let Some(held) = self.held.take().filter(|held| held.name == light.name)
+        {
+            *light = held;
         }
         if !response.dragged() {
             self.held = None;

@@ -31,7 +31,7 @@ const CTRL: Modifiers = Modifiers::COMMAND;
 const CTRL_SHIFT: Modifiers = CTRL.plus(Modifiers::SHIFT);
 
 /// Every key, the longer combinations first: a shorter one would be taken for them.
-const KEYS: [(Command, Modifiers, Key); 19] = [
+const KEYS: [(Command, Modifiers, Key); 20] = [
     (Command::SaveAs, CTRL_SHIFT, Key::S),
     (Command::Redo, CTRL_SHIFT, Key::Z),
     (Command::OpenRig, CTRL_SHIFT, Key::O),
@@ -51,6 +51,7 @@ const KEYS: [(Command, Modifiers, Key); 19] = [
     (Command::ShowLights, Modifiers::NONE, Key::L),
     (Command::LookThrough, Modifiers::NONE, Key::T),
     (Command::Snapshot, Modifiers::NONE, Key::P),
+    (Command::Help, Modifiers::NONE, Key::F1),
 ];
 
 impl Command {

@@ -1,7 +1,6 @@
 //! The worker that makes of light what a display is sent: exposure, tone curve, false colours, histogram.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, channel};
 
 use eframe::egui::{Color32, ColorImage};
 use rayon::prelude::*;
@@ -10,8 +9,8 @@ use relume::image::display::{encode, srgb_from_linear};
 use relume::image::{Image, Tonemap};
 
 use crate::lighting::Frame;
-use crate::mailbox::Mailbox;
 use crate::view::{LightOf, Scale, Source, View};
+use crate::worker::{Desk, Worker};
 
 /// Rec. 709.
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
@@ -46,10 +45,10 @@ impl PartialEq for Recipe {
 }
 
 /// A frame to develop.
-struct Negative {
-    number: u64,
-    frame: Arc<Frame>,
-    recipe: Recipe,
+pub(crate) struct Negative {
+    pub(crate) number: u64,
+    pub(crate) frame: Arc<Frame>,
+    pub(crate) recipe: Recipe,
 }
 
 /// What came of it.
@@ -60,45 +59,16 @@ pub(crate) struct Print {
     pub(crate) histogram: Histogram,
 }
 
-/// The worker, for as long as this lives.
-pub(crate) struct Developer {
-    negatives: Arc<Mailbox<Negative>>,
-    prints: Receiver<(u64, Print)>,
-}
+/// The worker.
+pub(crate) type Developer = Worker<Negative, (u64, Print)>;
 
-impl Developer {
-    /// Starts it; `wake` is called whenever there is something to [`Self::next`].
-    pub(crate) fn start(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        let negatives = Arc::new(Mailbox::<Negative>::default());
-        let (sender, prints) = channel();
-        let waiting = Arc::clone(&negatives);
-        std::thread::Builder::new().name("developing".to_owned()).spawn(move || {
-            while let Some(negative) = waiting.take() {
-                let print = negative.recipe.print(&negative.frame);
-                if sender.send((negative.number, print)).is_err() {
-                    break;
-                }
-                wake();
-            }
-        })?;
-        Ok(Self { negatives, prints })
-    }
-
-    /// Has a frame developed; what is still waiting is forgotten. `number` comes back with the print.
-    pub(crate) fn order(&self, number: u64, frame: Arc<Frame>, recipe: Recipe) {
-        self.negatives.put(Negative { number, frame, recipe });
-    }
-
-    /// The newest print since the last call.
-    pub(crate) fn next(&self) -> Option<(u64, Print)> {
-        self.prints.try_iter().last()
-    }
-}
-
-impl Drop for Developer {
-    fn drop(&mut self) {
-        self.negatives.close();
-    }
+/// Starts it; `wake` is called whenever there is a print, which comes with the number of its negative.
+pub(crate) fn start(wake: impl Fn() + Send + Sync + 'static) -> std::io::Result<Developer> {
+    Worker::start("developing", wake, |desk: &Desk<Negative, _>| {
+        while let Some(Negative { number, frame, recipe }) = desk.take() {
+            desk.tell((number, recipe.print(&frame)));
+        }
+    })
 }
 
 impl Recipe {

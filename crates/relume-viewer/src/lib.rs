@@ -8,6 +8,7 @@
 //! |---|---|
 //! | `app` | the window: who is told what, and when; its layout |
 //! | `shot` | opening and preparing a scene, or a cache |
+//! | `worker`, `mailbox` | threads that do the newest order and give up older ones |
 //! | `lighting`, `develop`, `truth`, `through` | the workers: relit frames, display pixels, path tracing, what a light sees |
 //! | `document`, `history`, `autosave` | the rig that is edited, undo and redo, what is kept of unsaved edits |
 //! | `picture` | zoom, wipe, handles of lights, tools that place them |
@@ -32,6 +33,7 @@ mod through;
 mod truth;
 mod view;
 mod wording;
+mod worker;
 
 pub use app::{Options, Pane, Viewer};
 pub use dialog::Dialogs;
@@ -82,7 +84,23 @@ pub fn run(options: Options) -> Result<()> {
     let closed = eframe::run_native("Relume", native, Box::new(create));
     match (closed, refused) {
         (_, Some(error)) => Err(error),
-        (Err(error), None) => Err(Error::io("a window", "open", std::io::Error::other(error.to_string()))),
+        (Err(error), None) => Err(Error::io("a window", "open", std::io::Error::other(why(&error)))),
         (Ok(()), None) => Ok(()),
+    }
+}
+
+/// Why there is no window, and the mend.
+fn why(error: &eframe::Error) -> String {
+    match error {
+        // its own words name a file of the sources
+        eframe::Error::WinitEventLoop(_) => {
+            "there is no desktop to open it on; run it where DISPLAY or WAYLAND_DISPLAY names one".to_owned()
+        }
+        eframe::Error::Wgpu(error) => {
+            format!(
+                "nothing can draw it ({error}); install a Vulkan driver, such as Mesa's mesa-vulkan-drivers"
+            )
+        }
+        other => other.to_string(),
     }
 }

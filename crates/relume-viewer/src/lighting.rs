@@ -1,16 +1,15 @@
 //! The worker that relights: the window never waits for it, and it never works for long on what nobody wants to see any more.
 
-use std::cell::Cell;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
 use relume::image::{Image, Layers};
 use relume::relight::{FrameStats, RelightSettings};
-use relume::{Error, LightRig, Progress, Relighter, Transfer};
+use relume::{Error, LightRig, Relighter, Transfer};
 
 use crate::develop::{Print, Recipe};
-use crate::mailbox::{Found, Mailbox};
+use crate::mailbox::Found;
+use crate::worker::{Desk, Worker};
 
 /// How long a light that is dragged must rest until its full frame is begun: frames that come every 16 ms do not start it.
 const REST: Duration = Duration::from_millis(120);
@@ -52,90 +51,40 @@ pub(crate) struct Frame {
     pub(crate) asked: Option<Instant>,
 }
 
-/// The worker, for as long as this lives.
-pub(crate) struct Lighting {
-    orders: Arc<Mailbox<Order>>,
-    frames: Receiver<Result<Lit, Error>>,
-    has_failed: Cell<bool>,
-}
+/// The worker.
+pub(crate) type Lighting = Worker<Order, Result<Lit, Error>>;
 
-impl Lighting {
-    /// Starts it; `wake` is called whenever there is something to [`Self::next`].
-    pub(crate) fn start(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        let orders = Arc::new(Mailbox::default());
-        let (sender, frames) = channel();
-        let worker =
-            Worker { orders: Arc::clone(&orders), frames: sender, wake: Box::new(wake), relighter: None };
-        std::thread::Builder::new().name("lighting".to_owned()).spawn(move || worker.run())?;
-        Ok(Self { orders, frames, has_failed: Cell::new(false) })
-    }
-
-    /// Wants another picture; what was wanted before is forgotten.
-    pub(crate) fn order(&self, order: Order) {
-        self.orders.put(order);
-    }
-
-    /// The next picture that is there, or why there is none.
-    pub(crate) fn next(&self) -> Option<Result<Lit, Error>> {
-        match self.frames.try_recv() {
-            Ok(frame) => Some(frame),
-            Err(TryRecvError::Empty) => None,
-            Err(TryRecvError::Disconnected) => {
-                self.has_failed.set(true);
-                None
-            }
+/// Starts it; `wake` is called whenever there is a picture.
+pub(crate) fn start(wake: impl Fn() + Send + Sync + 'static) -> std::io::Result<Lighting> {
+    Worker::start("lighting", wake, |desk| {
+        let mut bench = Bench { desk, relighter: None };
+        let mut next = desk.take();
+        while let Some(order) = next {
+            next = bench.fill(order);
         }
-    }
-
-    /// Whether the worker has come to an end that nothing here foresees: no more pictures will come.
-    pub(crate) fn has_failed(&self) -> bool {
-        self.has_failed.get()
-    }
+    })
 }
 
-impl Drop for Lighting {
-    fn drop(&mut self) {
-        self.orders.close();
-    }
-}
-
-struct Worker {
-    orders: Arc<Mailbox<Order>>,
-    frames: Sender<Result<Lit, Error>>,
-    wake: Box<dyn Fn() + Send>,
+/// Where it works.
+struct Bench<'a> {
+    desk: &'a Desk<Order, Result<Lit, Error>>,
     relighter: Option<Relighter>,
 }
 
-/// Stops a frame for which there is a newer order.
-struct Abandon<'a>(&'a Mailbox<Order>);
-
-impl Progress for Abandon<'_> {
-    fn cancelled(&self) -> bool {
-        self.0.is_waiting()
-    }
-}
-
-impl Worker {
-    fn run(mut self) {
-        let mut next = self.orders.take();
-        while let Some(order) = next {
-            next = self.fill(order);
-        }
-    }
-
+impl Bench<'_> {
     /// Does an order, and returns the next one; `None` where there will be none.
     fn fill(&mut self, order: Order) -> Option<Order> {
         if order.dragging {
             // Not abandoned: while edits come faster than frames are made, there would be none at all.
             self.light(&order, true);
-            match self.orders.take_within(REST) {
+            match self.desk.take_within(REST) {
                 Found::Letter(newer) => return Some(newer),
                 Found::Closed => return None,
                 Found::Nothing => {}
             }
         }
         self.light(&order, false);
-        self.orders.take()
+        self.desk.take()
     }
 
     fn light(&mut self, order: &Order, preview: bool) {
@@ -146,28 +95,22 @@ impl Worker {
         let lit = if preview {
             relighter.relight(&order.rig, &settings)
         } else {
-            relighter.relight_watched(&order.rig, &settings, &Abandon(&self.orders))
+            relighter.relight_watched(&order.rig, &settings, self.desk)
         };
         let frame = match lit {
             Err(Error::Cancelled) => return,
-            Err(error) => Err(error),
-            Ok(layers) => {
-                let frame = Arc::new(Frame {
-                    transfer: Arc::clone(&order.transfer),
-                    rig: order.rig.clone(),
-                    albedo: order.albedo.then(|| relighter.albedo()),
-                    stats: *relighter.stats(),
-                    layers,
-                    preview,
-                    // what follows a coarse frame is the same edit, which was seen
-                    asked: order.asked.filter(|_| preview || !order.dragging),
-                });
-                Ok(Lit { print: order.recipe.print(&frame), recipe: order.recipe.clone(), frame })
-            }
+            Err(error) => return self.desk.tell(Err(error)),
+            Ok(layers) => Arc::new(Frame {
+                transfer: Arc::clone(&order.transfer),
+                rig: order.rig.clone(),
+                albedo: order.albedo.then(|| relighter.albedo()),
+                stats: *relighter.stats(),
+                layers,
+                preview,
+                // what follows a coarse frame is the same edit, which was seen
+                asked: order.asked.filter(|_| preview || !order.dragging),
+            }),
         };
-        // a window that has closed wants no more pictures
-        if self.frames.send(frame).is_ok() {
-            (self.wake)();
-        }
+        self.desk.tell(Ok(Lit { print: order.recipe.print(&frame), recipe: order.recipe.clone(), frame }));
     }
 }

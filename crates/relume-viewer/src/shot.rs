@@ -223,6 +223,13 @@ impl Shot {
         }
     }
 
+    /// Waits while the cache is being written.
+    pub(crate) fn finish_saving(&self) {
+        while self.stage() == Stage::Saving {
+            std::thread::sleep(ASKED_EVERY);
+        }
+    }
+
     /// Ends the preparation. What is there stays, and finished blocks are kept for the next time.
     pub(crate) fn cancel(&self) {
         self.shared.cancelled.store(true, Ordering::Relaxed);

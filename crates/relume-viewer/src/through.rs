@@ -1,14 +1,13 @@
 //! The worker that looks through the selected light.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, channel};
 
 use eframe::egui::{Color32, ColorImage};
 use relume::image::display::srgb_from_linear;
 use relume::relight::look_through;
 use relume::{Camera, Transfer};
 
-use crate::mailbox::Mailbox;
+use crate::worker::{Desk, Worker};
 
 /// Pixels along a side of what a light sees.
 pub(crate) const SIDE: usize = 240;
@@ -26,45 +25,17 @@ impl PartialEq for Order {
     }
 }
 
-/// The worker, for as long as this lives.
-pub(crate) struct Looking {
-    orders: Arc<Mailbox<Order>>,
-    images: Receiver<(Arc<Transfer>, ColorImage)>,
-}
+/// The worker; images come with what they are of.
+pub(crate) type Looking = Worker<Order, (Arc<Transfer>, ColorImage)>;
 
-impl Looking {
-    /// Starts it; `wake` is called whenever there is something to [`Self::next`].
-    pub(crate) fn start(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        let orders = Arc::new(Mailbox::<Order>::default());
-        let (sender, images) = channel();
-        let waiting = Arc::clone(&orders);
-        std::thread::Builder::new().name("looking".to_owned()).spawn(move || {
-            while let Some(order) = waiting.take() {
-                let image = order.look();
-                if sender.send((order.transfer, image)).is_err() {
-                    break;
-                }
-                wake();
-            }
-        })?;
-        Ok(Self { orders, images })
-    }
-
-    /// Looks through another light, or the same one from elsewhere.
-    pub(crate) fn order(&self, order: Order) {
-        self.orders.put(order);
-    }
-
-    /// The newest image since the last call, and of what it is.
-    pub(crate) fn next(&self) -> Option<(Arc<Transfer>, ColorImage)> {
-        self.images.try_iter().last()
-    }
-}
-
-impl Drop for Looking {
-    fn drop(&mut self) {
-        self.orders.close();
-    }
+/// Starts it; `wake` is called whenever there is an image.
+pub(crate) fn start(wake: impl Fn() + Send + Sync + 'static) -> std::io::Result<Looking> {
+    Worker::start("looking", wake, |desk: &Desk<Order, _>| {
+        while let Some(order) = desk.take() {
+            let image = order.look();
+            desk.tell((order.transfer, image));
+        }
+    })
 }
 
 impl Order {

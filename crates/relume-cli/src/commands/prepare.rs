@@ -105,7 +105,7 @@ Example:
   relume prepare assets/arcade.glb -o arcade.relume --size 640x480 --quality standard";
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum QualityName {
+pub(crate) enum QualityName {
     /// For the first seconds.
     Glance,
     /// For a first look.
@@ -115,6 +115,17 @@ enum QualityName {
     Standard,
     /// For the last picture.
     Final,
+}
+
+impl From<QualityName> for Quality {
+    fn from(name: QualityName) -> Self {
+        match name {
+            QualityName::Glance => Self::Glance,
+            QualityName::Draft => Self::Draft,
+            QualityName::Standard => Self::Standard,
+            QualityName::Final => Self::Final,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -419,12 +430,7 @@ impl Arguments {
                 CloudName::Importance => CloudMethod::Importance,
                 CloudName::Adaptive => CloudMethod::Adaptive,
             },
-            quality: match self.quality {
-                QualityName::Glance => Quality::Glance,
-                QualityName::Draft => Quality::Draft,
-                QualityName::Standard => Quality::Standard,
-                QualityName::Final => Quality::Final,
-            },
+            quality: self.quality.into(),
             spacing: self.spacing,
             encoding: match self.encoding {
                 EncodingName::LowRank => Encoding::LowRank,

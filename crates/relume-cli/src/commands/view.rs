@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use relume::Result;
 
+use super::prepare::QualityName;
 use crate::arguments::{Threads, gather_count, image_size};
 use crate::console::Console;
 
@@ -50,17 +51,6 @@ Example:
   relume view assets/arcade.glb --rig assets/rigs/arcade.toml
   relume view arcade.relume";
 
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum QualityName {
-    /// For a first look.
-    Draft,
-    /// For lighting.
-    #[default]
-    Standard,
-    /// For the last picture.
-    Final,
-}
-
 #[cfg(not(feature = "viewer"))]
 pub(crate) fn run(_: &Arguments, _: &Console) -> Result<()> {
     Err(relume::Error::Setting(
@@ -72,7 +62,7 @@ pub(crate) fn run(_: &Arguments, _: &Console) -> Result<()> {
 #[cfg(feature = "viewer")]
 pub(crate) fn run(arguments: &Arguments, _: &Console) -> Result<()> {
     use crate::output::check_output;
-    use relume::transfer::{Quality, Settings};
+    use relume::transfer::Settings;
     use relume_viewer::{Dialogs, Options, Source};
 
     let times = arguments.times.then(std::time::Instant::now);
@@ -87,11 +77,7 @@ pub(crate) fn run(arguments: &Arguments, _: &Console) -> Result<()> {
     let settings = Settings {
         size: arguments.size,
         gather: arguments.gather,
-        quality: match arguments.quality {
-            QualityName::Draft => Quality::Draft,
-            QualityName::Standard => Quality::Standard,
-            QualityName::Final => Quality::Final,
-        },
+        quality: arguments.quality.into(),
         ..Settings::default()
     };
     let source = arguments.shot.as_ref().map(|path| Source {

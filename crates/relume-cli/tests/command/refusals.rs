@@ -304,7 +304,8 @@ fn a_window_is_not_opened_for_nothing() {
             .unwrap();
         let told = String::from_utf8_lossy(&ran.stderr).into_owned();
         assert_eq!(ran.status.code(), Some(1), "{told}");
-        assert!(told.contains("error: a window: cannot open"), "{told}");
+        assert!(told.contains("error: a window: cannot open: there is no desktop"), "{told}");
+        assert_eq!(told.lines().count(), 1, "{told}");
     }
 }
 

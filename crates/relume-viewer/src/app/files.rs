@@ -199,8 +199,9 @@ impl Viewer {
             let _ = done.send(written.map(|()| path));
             wake.request_repaint();
         };
-        if let Err(error) = std::thread::Builder::new().name("export".to_owned()).spawn(write) {
-            self.messages.error(&Error::io("threads for the window", "start", error));
+        match std::thread::Builder::new().name("export".to_owned()).spawn(write) {
+            Ok(_) => self.writing += 1,
+            Err(error) => self.messages.error(&Error::io("threads for the window", "start", error)),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! What the window looks like: menus, panels, questions.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use eframe::egui::{
     self, Button, CentralPanel, CollapsingHeader, ComboBox, DragValue, Key, MenuBar, Modal, Panel,
@@ -15,8 +16,11 @@ use crate::document::NewLight;
 use crate::panels::{self, MapWish};
 use crate::picture::{Around, Tool};
 use crate::preferences::Curve;
+use crate::shot::Shot;
 use crate::view::{PLAIN, View};
 
+/// Longest that a window which closes waits for an image to be written.
+const WRITTEN_WITHIN: Duration = Duration::from_secs(60);
 /// Stops by which a picture may be made brighter or darker.
 const EXPOSURES: std::ops::RangeInclusive<f32> = -12.0..=12.0;
 
@@ -55,6 +59,13 @@ impl eframe::App for Viewer {
 
     fn on_exit(&mut self) {
         self.tell_latencies();
+        // what is being written is written to its end
+        self.shot.iter().for_each(Shot::finish_saving);
+        for _ in 0..self.writing {
+            if let Ok(Err(error)) = self.written.1.recv_timeout(WRITTEN_WITHIN) {
+                eprintln!("error: {error}");
+            }
+        }
         // saved, or given up; whatever else ends the window leaves them for the next time
         let Some(autosave) = &self.autosave else { return };
         if self.recovered.is_some() {
@@ -98,9 +109,6 @@ impl Viewer {
             } else {
                 self.run(ctx, command);
             }
-        }
-        if !types && ctx.input_mut(|input| input.consume_key(egui::Modifiers::NONE, Key::F1)) {
-            self.run(ctx, Command::Help);
         }
     }
 

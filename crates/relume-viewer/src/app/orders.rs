@@ -8,7 +8,7 @@ use relume::LightRig;
 use relume::transfer::Report;
 
 use super::Viewer;
-use crate::develop::Recipe;
+use crate::develop::{Negative, Recipe};
 use crate::lighting::{Frame, Order};
 use crate::through;
 use crate::truth;
@@ -125,7 +125,8 @@ impl Viewer {
         let is_shown = |(frame, how): &(Arc<Frame>, Recipe)| Arc::ptr_eq(frame, lit) && *how == recipe;
         if !self.developed.as_ref().is_some_and(is_shown) {
             self.negatives += 1;
-            self.developer.order(self.negatives, Arc::clone(lit), recipe.clone());
+            let (number, frame) = (self.negatives, Arc::clone(lit));
+            self.developer.order(Negative { number, frame, recipe: recipe.clone() });
             self.developed = Some((Arc::clone(lit), recipe));
         }
     }

@@ -87,7 +87,7 @@ pub(crate) fn light(ui: &mut Ui, color: &mut Vec3, unit: &str, measure: &mut Mea
         let found = nearest_temperature(hue).unwrap_or(6500.0);
         let mut kelvin = found;
         let temperature = DragValue::new(&mut kelvin).speed(20.0).range(TEMPERATURES).clamp_existing_to_range(false).max_decimals(0).suffix(" K");
-        let response = ui.add(temperature).on_hover_text(
+        let response = super::number(ui.add(temperature), "Colour temperature").on_hover_text(
             "Colour temperature: 1900 is a candle, 2700 a lamp, 5500 noon, 10,000 a clear sky. For other colours, the nearest.",
         );
         if response.changed() {

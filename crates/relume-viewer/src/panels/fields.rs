@@ -96,7 +96,8 @@ fn triple(ui: &mut Ui, name: &str, what: &str, value: &mut Vec3, speed: f64) {
                 .update_while_editing(false)
                 .max_decimals(3)
                 .prefix(format!("{axis} "));
-            if ui.add(drag).on_hover_text(format!("{name} {axis}, {what}")).changed() {
+            let response = super::number(ui.add(drag), &format!("{name} {axis}"));
+            if response.on_hover_text(format!("{name} {axis}, {what}")).changed() {
                 *component = component.clamp(-FAR, FAR); // arrow keys step past the range
             }
         }

@@ -7,7 +7,7 @@ mod histogram;
 mod lights;
 mod surfaces;
 
-use eframe::egui::{Role, Ui, WidgetInfo};
+use eframe::egui::{Response, Role, Ui, WidgetInfo};
 
 pub(crate) use bars::{messages, probe_text, status};
 pub(crate) use color::Measure;
@@ -15,6 +15,12 @@ pub(crate) use fields::{MapWish, fields};
 pub(crate) use histogram::histogram;
 pub(crate) use lights::{Renaming, lights};
 pub(crate) use surfaces::{emitters, materials};
+
+/// Gives a number a name of its own, for those who hear the window instead of seeing it.
+pub(crate) fn number(response: Response, name: &str) -> Response {
+    response.widget_info(|| WidgetInfo::labeled(Role::SpinButton, true, name));
+    response
+}
 
 /// A small button that takes something away; whether it was clicked.
 pub(crate) fn cross(ui: &mut Ui, what: &str) -> bool {

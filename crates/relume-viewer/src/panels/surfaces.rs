@@ -1,6 +1,6 @@
 //! What emits, and base colours of materials.
 
-use eframe::egui::{Button, DragValue, Grid, Ui, color_picker};
+use eframe::egui::{Button, DragValue, Grid, Role, Ui, WidgetInfo, color_picker};
 use relume::glam::Vec3;
 use relume::transfer::Report;
 use relume::{Emitter, LightRig, MaterialEdit};
@@ -25,7 +25,8 @@ pub(crate) fn emitters(ui: &mut Ui, rig: &mut LightRig, report: &Report, shining
                 .clamp_existing_to_range(false)
                 .max_decimals(3)
                 .prefix("x ");
-            if ui.add(drag).on_hover_text(format!("{name}: times what it emits in the scene")).changed() {
+            let what = format!("{name}: times what it emits in the scene");
+            if super::number(ui.add(drag), &what).on_hover_text(what).changed() {
                 scale = hue * strength.clamp(0.0, BRIGHTEST); // arrow keys step past the range
             }
             let mut rgb = hue.to_array();
@@ -76,7 +77,8 @@ pub(crate) fn materials(ui: &mut Ui, rig: &mut LightRig, report: &Report, shown:
 }
 
 fn reset(ui: &mut Ui, edited: bool, name: &str) -> bool {
-    ui.add_enabled(edited, Button::new("Reset").small())
-        .on_hover_text(format!("{name} as in the scene"))
-        .clicked()
+    let what = format!("{name} as in the scene");
+    let response = ui.add_enabled(edited, Button::new("Reset").small()).on_hover_text(&what);
+    response.widget_info(|| WidgetInfo::labeled(Role::Button, edited, &what));
+    response.clicked()
 }

@@ -1,11 +1,12 @@
 //! Editing lights: by the list, by fields, in the picture.
 
+use eframe::egui::accesskit::Role;
 use eframe::egui::{Key, Modifiers, vec2};
 use egui_kittest::kittest::Queryable;
 use relume::glam::Vec3;
 use relume::{LightKind, Relighter, Transfer};
 
-use crate::support::{Window, folder};
+use crate::support::{Window, folder, fresh_folder};
 
 #[test]
 fn lights_are_added_edited_and_undone() {
@@ -194,7 +195,7 @@ fn lights_are_renamed_and_no_name_is_had_twice() {
             window.harness.drop_at(at);
         }
         window.harness.run_steps(3);
-        let line = window.harness.get_by_role(eframe::egui::accesskit::Role::TextInput);
+        let line = window.harness.get_by_role(Role::TextInput);
         line.set_text_value_accesskit(to);
         window.harness.run_steps(2);
         window.key(Modifiers::NONE, Key::Enter);
@@ -281,4 +282,43 @@ fn a_light_is_looked_through_and_turned_so() {
     window.choose("Add", "Dome");
     window.settle();
     assert!(window.harness.query_by_label("Through the light").is_none());
+}
+
+#[test]
+fn light_has_a_temperature_and_is_measured_in_stops() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    window.choose("Add", "Omni");
+    window.settle();
+    let strength = window.light("omni").color().max_element();
+    window.harness.get_by_role_and_label(Role::SpinButton, "Colour temperature").set_value_accesskit(2700.0);
+    window.harness.run_steps(3);
+    let warm = window.light("omni").color();
+    assert!((warm / strength).distance(relume::scene::black_body_color(2700.0)) < 1e-3, "{warm}");
+    window.harness.get_by_role_and_label(Role::ComboBox, "Unit of the intensity").click();
+    window.harness.run_steps(3);
+    window.harness.get_by_role_and_label(Role::Button, "stops").click();
+    window.harness.run_steps(3);
+    assert_eq!(window.light("omni").color(), warm, "another unit is no edit");
+    window.harness.get_by_role_and_label(Role::SpinButton, "Intensity").set_value_accesskit(3.0);
+    window.harness.run_steps(3);
+    assert!((window.light("omni").color().max_element() - 8.0).abs() < 1e-3);
+}
+
+#[test]
+fn what_emits_is_dimmed_and_reset() {
+    let folder = fresh_folder();
+    let assets = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets");
+    std::fs::copy(assets.join("parlour.glb"), folder.path().join("arcade.glb")).unwrap();
+    let mut window = Window::open_with(folder.path(), None);
+    let lit = window.layers().full();
+    let name = "lamp: times what it emits in the scene";
+    window.harness.get_by_role_and_label(Role::SpinButton, name).set_value_accesskit(0.25);
+    window.settle();
+    assert_eq!(window.rig().emitters[0].scale, Vec3::splat(0.25));
+    assert_ne!(window.layers().full(), lit);
+    window.click("lamp as in the scene");
+    window.settle();
+    assert!(window.rig().emitters.is_empty());
+    assert_eq!(window.layers().full(), lit);
 }

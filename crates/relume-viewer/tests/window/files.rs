@@ -247,3 +247,79 @@ fn edits_that_wait_outlive_a_short_look() {
     assert_eq!(*window.rig(), edited);
     assert!(window.is_said("never saved"));
 }
+
+/// A file as a desktop drops it.
+#[derive(Debug)]
+struct Dropped(std::path::PathBuf);
+
+impl eframe::egui::DroppedFile for Dropped {
+    fn path(&self) -> &std::path::Path {
+        &self.0
+    }
+
+    fn bytes(&self) -> Result<Vec<u8>, String> {
+        std::fs::read(&self.0).map_err(|error| error.to_string())
+    }
+}
+
+fn drop_file(window: &mut Window, path: std::path::PathBuf) {
+    window.harness.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path)));
+    window.harness.step();
+    window.harness.input_mut().dropped_files.clear();
+    window.harness.run_steps(3);
+}
+
+#[test]
+fn maps_rigs_and_caches_are_dropped_on_the_window() {
+    let folder = folder();
+    let mut window = Window::open_with(folder.path(), None);
+    drop_file(&mut window, folder.path().join("arcade_sky.hdr"));
+    let dome = window.rig().lights.iter().find_map(|light| match &light.kind {
+        relume::LightKind::Dome { map, .. } => map.as_ref(),
+        _ => None,
+    });
+    assert!(dome.is_some(), "the map of a new dome");
+    window.settle();
+    window.key(Modifiers::COMMAND, Key::Z);
+    drop_file(&mut window, folder.path().join("arcade.toml"));
+    assert_eq!(*window.rig(), load_rig(folder.path().join("arcade.toml")).unwrap());
+    window.settle();
+    let before = window.layers().full();
+    std::fs::rename(folder.path().join("arcade.relume"), folder.path().join("elsewhere.relume")).unwrap();
+    drop_file(&mut window, folder.path().join("elsewhere.relume"));
+    window.settle();
+    assert_eq!(window.layers().full(), before);
+    // and what is no such thing is told
+    std::fs::write(
+        folder.path().join("cut.relume"),
+        &std::fs::read(folder.path().join("elsewhere.relume")).unwrap()[..5000],
+    )
+    .unwrap();
+    drop_file(&mut window, folder.path().join("cut.relume"));
+    window.until_said("cut.relume");
+    std::fs::write(folder.path().join("nan.toml"), "exposure = nan\n").unwrap();
+    drop_file(&mut window, folder.path().join("nan.toml"));
+    window.until_said("nan.toml: line 1");
+}
+
+#[test]
+fn a_preparation_is_paused_and_ended_and_goes_on_the_next_time() {
+    let folder = fresh_folder();
+    let mut window =
+        Window::begin(folder.path(), Some("arcade.toml"), Harness::builder().with_size([1280.0, 800.0]));
+    while window.harness.query_by_label("Pause").is_none() {
+        window.harness.step();
+        assert!(!window.harness.state().is_prepared(), "too fast to be paused");
+    }
+    window.click("Pause");
+    assert!(window.is_said("Go on"));
+    std::thread::sleep(Duration::from_secs(2));
+    window.harness.run_steps(3);
+    assert!(!window.harness.state().is_prepared(), "it went on");
+    window.click("End");
+    window.until_said("The preparation was ended");
+    assert!(!folder.path().join("arcade.relume").exists());
+    drop(window);
+    let window = Window::open(folder.path());
+    assert!(window.harness.state().is_prepared() && folder.path().join("arcade.relume").exists());
+}

@@ -1,7 +1,7 @@
 //! What is shown.
 
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Key, Modifiers, pos2, vec2};
+use eframe::egui::{Key, Modifiers, Theme, pos2, vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use relume::glam::Vec3;
 use relume_viewer::Pane;
@@ -152,4 +152,14 @@ fn zoom_and_pan_go_back_to_the_whole_picture() {
     );
     window.key(Modifiers::NONE, Key::F);
     assert_eq!(probe(&mut window, at).as_deref(), Some("20, 20"));
+}
+
+#[test]
+fn the_window_is_dark_or_light() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    for (item, theme) in [("Light theme", Theme::Light), ("Dark theme", Theme::Dark)] {
+        window.choose("View", item);
+        assert_eq!(window.harness.ctx.theme(), theme);
+    }
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use relume::image::{Image, Layers, Tonemap, display};
 use relume::{Error, Result};
-use relume_io::{Attribute, ExrMeta, write_exr, write_png};
+use relume_io::{Attribute, ImageKind, write_frame, write_png};
 
 /// Refuses an output that could not be written, or should not be, before any work is done for it.
 ///
@@ -66,15 +66,6 @@ fn same_file(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
-/// What an image file holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ImageKind {
-    /// Scene-linear, with layers.
-    Exr,
-    /// As a display shows it.
-    Png,
-}
-
 /// An image that will be written, and can be as far as one can tell.
 #[derive(Clone, Debug)]
 pub(crate) struct ImageOutput {
@@ -87,8 +78,7 @@ impl ImageOutput {
     /// As [`check_output`].
     pub(crate) fn new(path: &Path, inputs: &[&Path]) -> Result<Self> {
         check_output(path, "the name of an image", &["exr", "png"], inputs)?;
-        let kind = if ending(path).as_deref() == Some("png") { ImageKind::Png } else { ImageKind::Exr };
-        Ok(Self { path: path.to_owned(), kind })
+        Ok(Self { path: path.to_owned(), kind: ImageKind::of(path)? })
     }
 
     pub(crate) fn path(&self) -> &Path {
@@ -103,49 +93,20 @@ impl ImageOutput {
     /// Writes a frame: all its layers and `attributes` as EXR, or the full image as it is shown.
     ///
     /// # Errors
-    /// As [`write_exr`] and [`write_png`].
+    /// As [`write_frame`].
     pub(crate) fn write(
         &self,
         layers: &Layers,
         shown: (f32, Tonemap),
         attributes: Vec<(String, Attribute)>,
     ) -> Result<()> {
-        match self.kind {
-            ImageKind::Exr => write_exr(&self.path, layers, &ExrMeta { attributes, ..ExrMeta::default() }),
-            ImageKind::Png => write_shown(&self.path, &layers.full(), shown),
-        }
+        write_frame(&self.path, self.kind, layers, shown, attributes)
     }
 }
 
 /// Writes `image` as PNG at an exposure in stops and through a curve.
 pub(crate) fn write_shown(path: &Path, image: &Image, (exposure, tonemap): (f32, Tonemap)) -> Result<()> {
     write_png(path, image.width, image.height, &display(image, exposure, tonemap))
-}
-
-/// An EXR attribute of Relume's own that holds a number.
-pub(crate) fn number(name: &str, value: impl Into<f64>) -> (String, Attribute) {
-    (format!("{ATTRIBUTE_PREFIX}{name}"), Attribute::Number(value.into()))
-}
-
-/// An EXR attribute of Relume's own that holds a text.
-pub(crate) fn text(name: &str, value: impl Into<String>) -> (String, Attribute) {
-    (format!("{ATTRIBUTE_PREFIX}{name}"), Attribute::Text(value.into()))
-}
-
-/// The value of an EXR attribute of Relume's own, if there is one and it is a number.
-pub(crate) fn stored_number(attributes: &[(String, Attribute)], name: &str) -> Option<f64> {
-    let (_, value) = attributes.iter().find(|(key, _)| key.strip_prefix(ATTRIBUTE_PREFIX) == Some(name))?;
-    match value {
-        Attribute::Number(number) => Some(*number),
-        Attribute::Text(_) => None,
-    }
-}
-
-const ATTRIBUTE_PREFIX: &str = "relume:";
-
-/// `--bounces` in words.
-pub(crate) fn bounces(bounces: Option<u32>) -> String {
-    bounces.map_or("all".to_owned(), |bounces| bounces.to_string())
 }
 
 #[cfg(test)]

@@ -6,12 +6,12 @@ use clap::{Args, ValueEnum};
 use relume::glam::Vec3;
 use relume::image::{Comparison, Image, Tonemap, compare_watched};
 use relume::{Error, Progress, Result};
-use relume_io::{ExrImage, read_exr, read_png};
+use relume_io::{ExrImage, read_exr, read_png, stored_number};
 use serde::Serialize;
 
 use crate::console::Console;
 use crate::interrupt;
-use crate::output::{check_output, ending, stored_number, write_shown};
+use crate::output::{check_output, ending, write_shown};
 use crate::report::{Table, percent};
 
 /// Compare an image with its reference: relative L2, the same without geometric edges, PSNR and FLIP.

@@ -10,13 +10,13 @@ use relume::sample::{ViewSamples, edge_pixels};
 use relume::scene::Geometry;
 use relume::trace::Accel;
 use relume::{LightRig, Progress, Result, Scene};
-use relume_io::{Attribute, check_materials, load_rig};
+use relume_io::{Attribute, ImageKind, bounces, check_materials, load_rig, own_number, own_text};
 use serde::Serialize;
 
 use crate::arguments::{Curve, Part, Threads, antialiasing, image_size};
 use crate::console::Console;
 use crate::interrupt;
-use crate::output::{self, ImageKind, ImageOutput, number, text};
+use crate::output::ImageOutput;
 use crate::report::{Table, duration, percent, plural};
 use crate::scene_file;
 
@@ -220,14 +220,14 @@ fn keep_indirect(reference: &mut Reference) {
 /// How the frame was made and how noisy it is, for its EXR header.
 pub(super) fn attributes(settings: &Settings, noise: &Noise) -> Vec<(String, Attribute)> {
     vec![
-        number("noise", noise.full),
-        number("noise_direct", noise.direct),
-        number("noise_indirect", noise.indirect),
-        number("spp", settings.spp),
-        number("aa", settings.aa),
-        number("seed", settings.seed),
-        text("bounces", output::bounces(settings.bounces)),
-        text(
+        own_number("noise", noise.full),
+        own_number("noise_direct", noise.direct),
+        own_number("noise_indirect", noise.indirect),
+        own_number("spp", settings.spp),
+        own_number("aa", settings.aa),
+        own_number("seed", settings.seed),
+        own_text("bounces", bounces(settings.bounces)),
+        own_text(
             "paths",
             match settings.paths {
                 Paths::All => "all",

@@ -61,7 +61,7 @@ use std::path::Path;
 
 use relume::{Error, LightRig, Result, atomic_write};
 
-pub use animation::AnimatedRig;
+pub use animation::{AnimatedRig, Curve, Field, Interpolation, Subject};
 pub use toml_text::rig_to_toml;
 
 /// No rig of thousands of lights comes near this; a larger file is something else.

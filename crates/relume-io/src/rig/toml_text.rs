@@ -60,7 +60,7 @@ fn light_table(text: &mut String, light: &Light) {
     line(text, "enabled", if light.enabled { "true" } else { "false" });
 }
 
-fn line(text: &mut String, key: &str, value: &str) {
+pub(super) fn line(text: &mut String, key: &str, value: &str) {
     text.push_str(key);
     text.push_str(" = ");
     text.push_str(value);
@@ -69,7 +69,7 @@ fn line(text: &mut String, key: &str, value: &str) {
 
 /// The shortest decimal that is this f32 and no other; in lower case TOML reads it, even where it is not
 /// finite.
-fn number(value: f32) -> String {
+pub(super) fn number(value: f32) -> String {
     format!("{value:?}").to_lowercase()
 }
 

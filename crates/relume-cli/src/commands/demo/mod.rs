@@ -13,10 +13,9 @@ use relume::reference::{self, Reference};
 use relume::relight::RelightSettings;
 use relume::transfer::Settings;
 use relume::{Error, LightRig, Preparation, Relighter, Result, Scene, Transfer, atomic_write};
-use relume_io::{ExrMeta, save_rig, write_exr};
+use relume_io::{ExrMeta, frame_attributes, save_rig, write_exr};
 
 use super::reference::{Tracer, attributes as reference_attributes};
-use super::relight::attributes as relight_attributes;
 use crate::arguments::{Threads, image_size};
 use crate::console::Console;
 use crate::interrupt;
@@ -138,7 +137,7 @@ impl Folder {
             console.notice(&format!("frame {number} relit in {milliseconds:.0} ms"));
             figures.frames.push(Frame::relit_in(milliseconds));
             save_rig(rig, self.path(&format!("rig-{number}.toml")))?;
-            let attributes = relight_attributes(relighter.transfer(), &settings);
+            let attributes = frame_attributes(relighter.transfer(), &settings);
             self.write(&format!("relit-{number}"), &layers, rig, attributes)?;
             frames.push(layers);
         }

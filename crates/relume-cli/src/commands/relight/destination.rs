@@ -7,10 +7,9 @@ use std::path::Path;
 use clap::ValueEnum;
 use relume::image::{Image, Layers, Tonemap, display};
 use relume::{Error, Result};
-use relume_io::Attribute;
+use relume_io::{Attribute, FrameNames};
 
 use super::Arguments;
-use super::numbering::Pattern;
 use crate::console::Console;
 use crate::output::{ImageOutput, check_replaced};
 
@@ -34,7 +33,7 @@ pub(super) struct Frame {
 
 /// What is done with every frame.
 pub(super) enum Destination {
-    Files { first: ImageOutput, names: Pattern },
+    Files { first: ImageOutput, names: FrameNames },
     Stdout(Raw),
 }
 
@@ -47,7 +46,7 @@ impl Destination {
             }
             let first = ImageOutput::new(&arguments.output, inputs)?;
             arguments.check_kind(Some(first.kind), console)?;
-            return Ok(Self::Files { names: Pattern::new(&arguments.output)?, first });
+            return Ok(Self::Files { names: FrameNames::new(&arguments.output)?, first });
         }
         if arguments.json {
             return Err(Error::Setting(

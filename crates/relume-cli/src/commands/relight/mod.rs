@@ -12,12 +12,11 @@ use std::time::Instant;
 use clap::{ArgGroup, Args};
 use relume::relight::RelightSettings;
 use relume::{Error, LightKind, LightRig, Relighter, Result, Transfer};
-use relume_io::{Attribute, check_materials};
+use relume_io::{ImageKind, check_materials};
 
 use crate::arguments::{Curve, Lighting, Part, Threads};
 use crate::console::Console;
 use crate::interrupt;
-use crate::output::{self, ImageKind, number, text};
 use destination::Raw;
 
 /// Relight a prepared shot: soft shadows and all bounces of indirect light, from the cache alone.
@@ -147,18 +146,4 @@ fn warn_of_darkness(rig: &LightRig, path: &Path, relighter: &Relighter, console:
             ));
         }
     }
-}
-
-/// How the frame was made, for its EXR header. No times, so that the same frame gives the same bytes.
-pub(super) fn attributes(transfer: &Transfer, settings: &RelightSettings) -> Vec<(String, Attribute)> {
-    let report = &transfer.report;
-    vec![
-        text("scene", &report.scene),
-        text("scene_hash", &report.scene_hash),
-        text("bounces", output::bounces(settings.bounces)),
-        number("aa", settings.aa),
-        text("quality", if settings.preview { "preview" } else { "full" }),
-        number("cull", settings.cull.unwrap_or_else(|| transfer.gather.encoding().cull())),
-        number("gather_samples", transfer.cloud.len() as f64),
-    ]
 }

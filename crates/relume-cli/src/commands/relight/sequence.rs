@@ -2,16 +2,15 @@
 
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::sync_channel;
 use std::time::Instant;
 
 use relume::image::Tonemap;
 use relume::{Error, LightRig, Progress, Relighter, Result};
-use relume_io::{AnimatedRig, Attribute};
+use relume_io::{AnimatedRig, Attribute, frame_attributes, write_behind};
 use serde::Serialize;
 
 use super::destination::{Destination, Frame};
-use super::{Arguments, attributes, enabled};
+use super::{Arguments, enabled};
 use crate::console::Console;
 use crate::interrupt;
 use crate::report::{Table, duration, plural, quantile};
@@ -136,7 +135,7 @@ fn relight(
     (frames, console): (RangeInclusive<i32>, &Console),
 ) -> Result<Times> {
     let settings = arguments.settings();
-    let attributes: Vec<(String, Attribute)> = attributes(relighter.transfer(), &settings);
+    let attributes: Vec<(String, Attribute)> = frame_attributes(relighter.transfer(), &settings);
     let tonemap: Tonemap = arguments.tonemap.unwrap_or_default().into();
     let progress = console.progress();
     progress.stage("relighting frames", frames.clone().count() as u64);
@@ -155,44 +154,6 @@ fn relight(
         Ok(())
     })?;
     Ok(times)
-}
-
-/// Writes each of `frames` on a thread of its own while the next is made. At most three are held: one that is made, one that waits, and one that is
-/// written.
-///
-/// # Errors
-/// The first of either side. What was made before is written.
-fn write_behind<T: Send>(
-    frames: impl Iterator<Item = Result<T>>,
-    mut write: impl FnMut(T) -> Result<()> + Send,
-) -> Result<()> {
-    std::thread::scope(|scope| {
-        let (sender, receiver) = sync_channel(1);
-        let writer = std::thread::Builder::new()
-            .name("writer".to_owned())
-            .spawn_scoped(scope, move || receiver.into_iter().try_for_each(&mut write))
-            .map_err(|error| Error::io("writing thread", "start", error))?;
-        let mut made = Ok(());
-        for frame in frames {
-            match frame {
-                Ok(frame) => {
-                    if sender.send(frame).is_err() {
-                        // the writer has ended, and says why
-                        break;
-                    }
-                }
-                Err(error) => {
-                    made = Err(error);
-                    break;
-                }
-            }
-        }
-        drop(sender);
-        match writer.join() {
-            Ok(written) => written.and(made),
-            Err(panic) => std::panic::resume_unwind(panic),
-        }
-    })
 }
 
 impl std::fmt::Display for Figures<'_> {
@@ -214,49 +175,5 @@ impl std::fmt::Display for Figures<'_> {
         table.line("writing one", times(self.write_ms, self.write_p95_ms));
         table.line("lights", self.lights.to_string());
         write!(f, "{table}")
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn failed() -> Error {
-        Error::Setting("no".to_owned())
-    }
-
-    #[test]
-    fn frames_are_written_in_order() {
-        let mut written = Vec::new();
-        write_behind((0..100).map(Ok), |frame| {
-            written.push(frame);
-            Ok(())
-        })
-        .unwrap();
-        assert_eq!(written, (0..100).collect::<Vec<_>>());
-    }
-
-    #[test]
-    fn what_was_made_before_an_error_is_written() {
-        let mut written = Vec::new();
-        let made = (0..9).map(|frame| if frame < 4 { Ok(frame) } else { Err(Error::Cancelled) });
-        let outcome = write_behind(made, |frame| {
-            written.push(frame);
-            Ok(())
-        });
-        assert!(matches!(outcome, Err(Error::Cancelled)));
-        assert_eq!(written, [0, 1, 2, 3]);
-    }
-
-    #[test]
-    fn an_error_of_writing_ends_the_job() {
-        let mut made = 0;
-        let frames = (0..1000).map(|frame| {
-            made += 1;
-            Ok(frame)
-        });
-        let outcome = write_behind(frames, |frame| if frame == 2 { Err(failed()) } else { Ok(()) });
-        assert_eq!(outcome.unwrap_err().to_string(), failed().to_string());
-        assert!(made < 10, "{made} frames were made");
     }
 }

@@ -4,10 +4,10 @@ use std::path::Path;
 
 use relume::Result;
 use relume::relight::FrameStats;
-use relume_io::load_rig;
+use relume_io::{frame_attributes, load_rig};
 use serde::Serialize;
 
-use super::{Arguments, attributes, enabled};
+use super::{Arguments, enabled};
 use crate::console::Console;
 use crate::output::ImageOutput;
 use crate::report::{Table, count, culled, duration};
@@ -37,7 +37,7 @@ pub(super) fn run(arguments: &Arguments, path: &Path, console: &Console) -> Resu
     let layers = relighter.relight_watched(&rig, &settings, &console.progress())?;
     let tonemap = arguments.tonemap.unwrap_or_default().into();
     console.stage("writing the image", || {
-        output.write(&layers, (rig.exposure, tonemap), attributes(relighter.transfer(), &settings))
+        output.write(&layers, (rig.exposure, tonemap), frame_attributes(relighter.transfer(), &settings))
     })?;
     let figures = Figures {
         cache: &arguments.cache,

@@ -2,7 +2,7 @@
 
 /// How a field goes from one key to the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Interpolation {
+pub enum Interpolation {
     /// A monotone cubic, at rest at the first and the last key.
     Smooth,
     /// A straight line.
@@ -12,9 +12,11 @@ pub(super) enum Interpolation {
 }
 
 impl Interpolation {
-    pub(super) const ALL: [Self; 3] = [Self::Smooth, Self::Linear, Self::Step];
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Smooth, Self::Linear, Self::Step];
 
-    pub(super) fn name(self) -> &'static str {
+    /// Its name in rig files.
+    pub fn name(self) -> &'static str {
         match self {
             Self::Smooth => "smooth",
             Self::Linear => "linear",

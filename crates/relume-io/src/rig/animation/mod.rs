@@ -1,6 +1,7 @@
 //! Rigs whose fields move from frame to frame.
 
 mod curve;
+mod edit;
 mod track;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -12,6 +13,8 @@ use relume::{Error, LightRig, Result};
 use super::parse::{Maps, Reader};
 use super::value::{Entry, Item, Problem, Table, Value, read};
 use super::{line_of, read_text};
+pub use curve::Interpolation;
+pub use edit::{Curve, Field, Subject};
 use track::{Place, Track};
 
 /// A rig file with its `[[animate]]` tables (see [the module above](super)): the rig at any frame. Frames without these tables are all alike.
@@ -20,6 +23,8 @@ pub struct AnimatedRig {
     path: PathBuf,
     /// For the lines of problems.
     text: String,
+    /// The text as it is written, whatever it was read from.
+    canonical: String,
     /// Without what is animated.
     document: Table,
     tracks: Vec<Track>,
@@ -47,17 +52,32 @@ impl AnimatedRig {
 
     /// The same with the rig at the first keyed frame.
     pub(super) fn parse_with_first(text: String, path: &Path) -> Result<(Self, LightRig)> {
-        let mut animated = Self {
-            path: path.to_owned(),
-            text,
-            document: Table::default(),
-            tracks: Vec::new(),
-            maps: Maps::new(),
-        };
+        let mut animated = Self::unread(text, path);
         match animated.read() {
             Ok(first) => Ok((animated, first)),
             Err(problem) => Err(animated.told(problem)),
         }
+    }
+
+    fn unread(text: String, path: &Path) -> Self {
+        Self {
+            path: path.to_owned(),
+            text,
+            canonical: String::new(),
+            document: Table::default(),
+            tracks: Vec::new(),
+            maps: Maps::new(),
+        }
+    }
+
+    /// The file that it is of.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The first keyed frame, or 0 where nothing is animated.
+    pub fn first_frame(&self) -> i32 {
+        self.frames().map_or(0, |frames| *frames.start())
     }
 
     /// The first keyed frame and the last, both included; `None` where nothing is animated.
@@ -103,12 +123,12 @@ impl AnimatedRig {
     fn read(&mut self) -> Result<LightRig, Problem> {
         self.document = read(&self.text)?;
         let folder = self.folder().to_owned();
-        let mut reader = Reader::new(&folder, Maps::new());
+        let mut reader = Reader::new(&folder, std::mem::take(&mut self.maps));
         if let Some(animate) = self.document.take("animate") {
             self.tracks = reader.tracks(&animate, &self.document);
         }
         first(std::mem::take(&mut reader.problems)).map_or(Ok(()), Err)?;
-        let frame = self.frames().map_or(0.0, |frames| f64::from(*frames.start()));
+        let frame = f64::from(self.first_frame());
         let rig = reader.rig(&self.document_at(frame));
         if let Some(problem) = first(std::mem::take(&mut reader.problems)) {
             let mut keys = self.tracks.iter().flat_map(|track| &track.values);
@@ -117,6 +137,7 @@ impl AnimatedRig {
         }
         self.check_keys(&mut reader)?;
         self.maps = reader.maps;
+        self.canonical = edit::text_of(&rig, &self.tracks);
         Ok(rig)
     }
 
@@ -175,5 +196,7 @@ fn at_frame(frame: f64, problem: Problem) -> Problem {
     Problem { message: format!("at frame {frame}: {}", problem.message), ..problem }
 }
 
+#[cfg(test)]
+mod edit_tests;
 #[cfg(test)]
 mod tests;

@@ -12,6 +12,11 @@ const KEYS: [&str; 7] = ["light", "emitter", "material", "field", "interpolation
 const LISTS: [(&str, &str); 3] =
     [("light", "name"), (EMITTER.table, EMITTER.name.0), (MATERIAL.table, MATERIAL.name.0)];
 
+/// The key by which tables of a list are named.
+pub(super) fn name_key(list: &str) -> &'static str {
+    LISTS.into_iter().find(|(known, _)| *known == list).map_or("name", |(_, key)| key)
+}
+
 /// A table of the rig that is animated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Place {
@@ -44,10 +49,10 @@ impl Place {
 #[derive(Clone, Debug)]
 pub(super) struct Track {
     pub(super) place: Place,
-    field: String,
+    pub(super) field: String,
     /// Where it says which field it is.
-    offset: usize,
-    interpolation: Interpolation,
+    pub(super) offset: usize,
+    pub(super) interpolation: Interpolation,
     /// Ascending, at least one.
     pub(super) frames: Vec<i32>,
     /// One a frame, all of one shape.
@@ -135,7 +140,7 @@ fn named(document: &Table) -> [Named<'_>; LISTS.len()] {
 }
 
 /// The keys of a table that cannot be animated, and those that can; `None` where its type is unknown, which is told where that is written.
-fn fields_of(place: Place, table: &Table) -> Option<(&'static [&'static str], Vec<&'static str>)> {
+pub(super) fn fields_of(place: Place, table: &Table) -> Option<(&'static [&'static str], Vec<&'static str>)> {
     match place {
         Place::Rig => Some((&[], vec!["exposure"])),
         Place::List(list, _) if list == EMITTER.table => Some((&[EMITTER.name.0], vec![EMITTER.color.0])),

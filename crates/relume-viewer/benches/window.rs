@@ -1,16 +1,19 @@
 //! How long one waits for the window: from the command to the first picture, to the first indirect light, and from an edit to its picture.
 //!
-//!     RELUME_SCENES=FOLDER cargo bench -p relume-viewer
+//!     RELUME_SCENES=FOLDER cargo bench -p relume-viewer [-- --drawn]
 //!
-//! The window is the real one, with its workers, at 60 frames a second; only nothing draws it. What a GPU takes for that is not in these figures, and what software
-//! drawing takes is a property of the machine without one: `relume view --times` tells it.
+//! The window is the real one, with its workers, at 60 frames a second. By default nothing draws it; with `--drawn` every frame is drawn by the first adapter that
+//! there is, and read back, and the time of an edit ends when the frame with its picture has been. What showing it on a display takes besides,
+//! `relume view --times` tells.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use eframe::egui::vec2;
+use eframe::egui_wgpu::RendererOptions;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
+use egui_kittest::wgpu::{WgpuTestRenderer, create_render_state, default_wgpu_setup};
 use relume_viewer::{Options, Source, Viewer};
 
 const FRAME: Duration = Duration::from_micros(16_667);
@@ -34,58 +37,92 @@ fn main() {
     let source = Source { cache: Some(folder.path().join("shot.relume")), ..Source::new(scene) };
     let options = Options { source: Some(source), rig: Some(rig), ..Options::default() };
     let began = Instant::now();
-    let builder = Harness::builder().with_size([1280.0, 800.0]).with_step_dt(1.0 / 60.0);
-    let mut harness = builder.build_eframe(move |context| Viewer::new(context, options).expect("a window"));
-
-    step_until(&mut harness, |viewer| viewer.picture().is_some());
+    let mut builder = Harness::builder().with_size([1280.0, 800.0]).with_step_dt(1.0 / 60.0);
+    let drawn = std::env::args().any(|argument| argument == "--drawn");
+    if drawn {
+        let state = create_render_state(default_wgpu_setup(), RendererOptions::default());
+        println!("drawn by {}", state.adapter.get_info().name);
+        builder = builder.renderer(WgpuTestRenderer::from_render_state(state));
+    }
+    let harness = builder.build_eframe(move |context| Viewer::new(context, options).expect("a window"));
+    let mut screen = Screen { harness, drawn, latencies: Vec::new(), drawing: Vec::new() };
+    step_until(&mut screen, |viewer| viewer.picture().is_some());
     println!("first picture: {:.2} s", began.elapsed().as_secs_f64());
-    step_until(&mut harness, |viewer| {
+    step_until(&mut screen, |viewer| {
         viewer
             .picture()
             .is_some_and(|(layers, _)| layers.indirect.pixels.iter().any(|pixel| pixel.max_element() > 0.0))
     });
     println!("first indirect light: {:.2} s", began.elapsed().as_secs_f64());
-    step_until(&mut harness, Viewer::is_settled);
+    step_until(&mut screen, Viewer::is_settled);
 
-    let light = harness.state().handle().expect("a light that stands somewhere");
-    let picture = harness.get_by_label("Picture").rect();
+    let light = screen.harness.state().handle().expect("a light that stands somewhere");
+    let picture = screen.harness.get_by_label("Picture").rect();
     let zoom = (picture.width() / 640.0).min(picture.height() / 480.0);
     let corner = picture.center() - 0.5 * zoom * vec2(640.0, 480.0);
     let at = corner + zoom * vec2(light.x, light.y);
-    let known = harness.state().latencies().len();
-    harness.hover_at(at);
-    pace(&mut harness);
-    harness.drag_at(at);
-    pace(&mut harness);
+    screen.harness.hover_at(at);
+    screen.pace();
+    screen.harness.drag_at(at);
+    screen.pace();
+    screen.latencies.clear();
     for step in 0..STEPS {
         let angle = step as f32 * 0.1;
-        harness.hover_at(at + vec2(40.0 * angle.sin(), 20.0 * (1.0 - angle.cos())));
-        pace(&mut harness);
+        screen.harness.hover_at(at + vec2(40.0 * angle.sin(), 20.0 * (1.0 - angle.cos())));
+        screen.pace();
     }
-    harness.drop_at(at);
-    step_until(&mut harness, Viewer::is_settled);
-    let mut latencies: Vec<f64> =
-        harness.state().latencies()[known..].iter().map(|time| time.as_secs_f64() * 1e3).collect();
-    latencies.sort_by(f64::total_cmp);
-    let share = |share: f64| latencies[((latencies.len() - 1) as f64 * share).round() as usize];
+    screen.harness.drop_at(at);
+    step_until(&mut screen, Viewer::is_settled);
+    let [median, late, worst] = shares(&screen.latencies);
     println!(
-        "{} pictures of {STEPS} edits: {:.0} ms after the edit (median), {:.0} ms (95%), {:.0} ms (worst)",
-        latencies.len(),
-        share(0.5),
-        share(0.95),
-        share(1.0)
+        "{} pictures of {STEPS} edits: {median:.0} ms after the edit (median), {late:.0} ms (95%), {worst:.0} ms (worst)",
+        screen.latencies.len(),
     );
+    if drawn {
+        let [median, late, worst] = shares(&screen.drawing);
+        println!(
+            "drawing and reading back a frame: {median:.1} ms (median), {late:.1} ms (95%), {worst:.1} ms (worst)"
+        );
+    }
 }
 
-/// One frame of the window, no sooner than a display would take it.
-fn pace(harness: &mut Harness<'_, Viewer>) {
-    let began = Instant::now();
-    harness.step();
-    std::thread::sleep(FRAME.saturating_sub(began.elapsed()));
+/// Median, 95th percentile and worst, milliseconds.
+fn shares(times: &[Duration]) -> [f64; 3] {
+    let mut times: Vec<f64> = times.iter().map(|time| time.as_secs_f64() * 1e3).collect();
+    times.sort_by(f64::total_cmp);
+    [0.5, 0.95, 1.0].map(|share| times[((times.len() - 1) as f64 * share).round() as usize])
 }
 
-fn step_until(harness: &mut Harness<'_, Viewer>, done: impl Fn(&Viewer) -> bool) {
-    while !done(harness.state()) {
-        pace(harness);
+/// What shows the window.
+struct Screen {
+    harness: Harness<'static, Viewer>,
+    drawn: bool,
+    /// From edits to their pictures.
+    latencies: Vec<Duration>,
+    /// What drawing each frame took.
+    drawing: Vec<Duration>,
+}
+
+impl Screen {
+    /// One frame of the window, no sooner than a display would take it.
+    fn pace(&mut self) {
+        let began = Instant::now();
+        let known = self.harness.state().latencies().len();
+        self.harness.step();
+        let mut took = Duration::ZERO;
+        if self.drawn {
+            let began = Instant::now();
+            self.harness.render().expect("a drawn frame");
+            took = began.elapsed();
+            self.drawing.push(took);
+        }
+        self.latencies.extend(self.harness.state().latencies()[known..].iter().map(|time| *time + took));
+        std::thread::sleep(FRAME.saturating_sub(began.elapsed()));
+    }
+}
+
+fn step_until(screen: &mut Screen, done: impl Fn(&Viewer) -> bool) {
+    while !done(screen.harness.state()) {
+        screen.pace();
     }
 }

@@ -4,6 +4,7 @@ mod files;
 mod layout;
 mod listen;
 mod orders;
+mod questions;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -15,17 +16,20 @@ use eframe::egui;
 use eframe::egui::SurrenderFocusOn;
 use relume::glam::Vec3;
 use relume::image::Image;
+use relume::scene::EnvironmentMap;
 use relume::transfer::{Report, Settings};
 use relume::{Error, LightRig, Result, Scene, Transfer};
+use relume_io::AnimatedRig;
 
 use crate::autosave::Autosave;
 use crate::command::Command;
 use crate::develop::{self, Developer, Histogram, Recipe};
 use crate::dialog::{Dialogs, Purpose, Question};
 use crate::document::{Document, Stage};
+use crate::export::Export;
 use crate::lighting::{self, Frame, Lighting, Order};
 use crate::messages::Messages;
-use crate::panels::Renaming;
+use crate::panels::{Playing, Renaming};
 use crate::picture::{Picture, Tool};
 use crate::preferences::Preferences;
 use crate::shot::{Shot, Source};
@@ -71,16 +75,18 @@ pub struct Viewer {
     pending: Option<Pending>,
     may_close: bool,
     /// Edits from before a crash, which wait for the lights that they are edits of.
-    recovered: Option<LightRig>,
+    recovered: Option<AnimatedRig>,
     /// What is done once a field that was typed into is left.
     after_typing: Option<Command>,
     /// What the rig was when the window was drawn last, and since when it is so.
     seen: (LightRig, Instant),
     /// Names in the rig that the shot has not, which were told.
     unknown: BTreeSet<String>,
-    written: (Sender<Result<PathBuf>>, Receiver<Result<PathBuf>>),
+    /// Files that are being read, and how many.
+    read: (Sender<Read>, Receiver<Read>),
+    reading: usize,
     /// Images that are being written.
-    writing: usize,
+    exports: Vec<Export>,
     /// Whether the worker that relights has failed.
     is_dark: bool,
     theme: egui::ThemePreference,
@@ -100,6 +106,7 @@ pub struct Viewer {
     autosave: Option<Autosave>,
     edited: Option<Instant>,
     renaming: Renaming,
+    playing: Playing,
 
     lighting: Lighting,
     ordered: Option<Order>,
@@ -146,10 +153,27 @@ pub enum Pane {
     Right,
 }
 
-/// What waits for unsaved edits.
+/// A file that was read.
+enum Read {
+    /// A rig.
+    Rig(PathBuf, Result<Box<OpenedRig>>),
+    /// A map for a dome.
+    Map(Result<EnvironmentMap>),
+}
+
+/// A rig that was read.
+struct OpenedRig {
+    document: Document,
+    /// What may be lost for it.
+    given_up: AnimatedRig,
+}
+
+/// What waits for unsaved edits, or for files.
 #[derive(Clone, Debug, PartialEq)]
 enum Pending {
     Close,
+    /// The same, once edits are saved or given up, for frames to be written.
+    Frames,
     Rig(PathBuf),
 }
 
@@ -166,7 +190,7 @@ impl Viewer {
         ctx.options_mut(|options| options.input_options.surrender_focus_on = SurrenderFocusOn::Presses);
         let document = match &options.rig {
             Some(rig) => Document::open(rig)?,
-            None => Document::new(LightRig::default(), None),
+            None => Document::new(&LightRig::default())?,
         };
         let wake = || {
             let ctx = ctx.clone();
@@ -183,8 +207,9 @@ impl Viewer {
             after_typing: None,
             seen: (document.rig.clone(), Instant::now()),
             unknown: BTreeSet::new(),
-            written: channel(),
-            writing: 0,
+            read: channel(),
+            reading: 0,
+            exports: Vec::new(),
             is_dark: false,
             theme: preferences.theme,
             shown_title: String::new(),
@@ -199,6 +224,7 @@ impl Viewer {
             autosave: None,
             edited: None,
             renaming: None,
+            playing: None,
             lighting: lighting::start(wake()).map_err(threads)?,
             ordered: None,
             lit: None,
@@ -302,6 +328,9 @@ impl Viewer {
         if !typed && !ctx.input(|input| input.pointer.any_down()) && self.document.note() {
             self.edited = Some(Instant::now());
         }
+        if let Some(fault) = self.document.fault() {
+            self.messages.error(&fault);
+        }
         let Some(edited) = self.edited else { return };
         let left = AUTOSAVE_AFTER.saturating_sub(edited.elapsed());
         if !left.is_zero() {
@@ -314,7 +343,7 @@ impl Viewer {
         let Some(autosave) = &self.autosave else { return };
         if !self.document.is_changed() {
             autosave.forget();
-        } else if let Err(error) = autosave.keep(&self.document.rig) {
+        } else if let Err(error) = autosave.keep(&self.document.whole()) {
             self.messages.error(&error);
         }
     }
@@ -342,11 +371,20 @@ impl Viewer {
                 let path = folder().join(Path::new(&self.document.name()).with_extension("exr"));
                 ask(self, Purpose::ExportImage, path);
             }
+            Command::ExportSequence => {
+                let name = self.document.name();
+                let stem = Path::new(&name).file_stem().unwrap_or_default().to_string_lossy();
+                ask(self, Purpose::ExportSequence, folder().join(format!("{stem}.####.exr")));
+            }
             Command::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
             Command::Undo => self.document.undo(),
             Command::Redo => self.document.redo(),
             Command::Duplicate => self.document.duplicate(),
             Command::Delete => self.document.delete(),
+            Command::Key => self.document.key_selected(),
+            Command::Play => self.play_or_pause(),
+            Command::FrameBefore => self.document.go_to(self.document.frame().saturating_sub(1)),
+            Command::FrameAfter => self.document.go_to(self.document.frame().saturating_add(1)),
             Command::Tool(tool) => {
                 self.picture.tool = if self.picture.tool == tool { Tool::Select } else { tool }
             }
@@ -358,9 +396,16 @@ impl Viewer {
             Command::Snapshot => self.store_snapshot(),
             Command::Help => self.shows_help = !self.shows_help,
         }
-        if matches!(command, Command::Undo | Command::Redo) {
+        if matches!(command, Command::Undo | Command::Redo | Command::Key) {
             self.edited = Some(Instant::now());
         }
+    }
+
+    fn play_or_pause(&mut self) {
+        self.playing = match self.playing {
+            Some(_) => None,
+            None => Some((Instant::now(), self.document.frame())),
+        };
     }
 
     fn store_snapshot(&mut self) {
@@ -423,6 +468,11 @@ impl Viewer {
                 && ordered.albedo <= lit.albedo.is_some();
             lights && layers && self.printed == self.negatives
         })
+    }
+
+    /// Whether a file is being read that was asked for: a rig, or a map.
+    pub fn is_reading(&self) -> bool {
+        self.reading > 0
     }
 
     /// Whether the shot is prepared in full.

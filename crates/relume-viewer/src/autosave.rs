@@ -4,8 +4,8 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use relume::{Error, LightRig, Result, atomic_write};
-use relume_io::{parse_rig, rig_to_toml};
+use relume::{Error, Result, atomic_write};
+use relume_io::AnimatedRig;
 
 /// The file in which edits of one rig are kept while it is open.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,10 +28,10 @@ impl Autosave {
     /// What was kept and never saved, if it can be read.
     ///
     /// # Errors
-    /// As [`parse_rig`], for a file that was damaged.
-    pub(crate) fn recovered(&self) -> Result<Option<LightRig>> {
+    /// As [`AnimatedRig::parse`], for a file that was damaged.
+    pub(crate) fn recovered(&self) -> Result<Option<AnimatedRig>> {
         match std::fs::read_to_string(&self.file) {
-            Ok(text) => parse_rig(&text, &self.of).map(Some),
+            Ok(text) => AnimatedRig::parse(text, &self.of).map(Some),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(Error::io(&self.file, "read", error)),
         }
@@ -41,10 +41,10 @@ impl Autosave {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub(crate) fn keep(&self, rig: &LightRig) -> Result<()> {
+    pub(crate) fn keep(&self, rig: &AnimatedRig) -> Result<()> {
         let refused = |error| Error::io(&self.file, "write", error);
         std::fs::create_dir_all(self.file.parent().unwrap_or(Path::new("."))).map_err(refused)?;
-        let text = format!("# Unsaved edits of {}\n{}", self.of.display(), rig_to_toml(rig));
+        let text = format!("# Unsaved edits of {}\n{}", self.of.display(), rig.moved_to(&self.of)?.to_toml());
         atomic_write(&self.file, |file| file.write_all(text.as_bytes()).map_err(refused))
     }
 
@@ -72,6 +72,7 @@ impl Autosave {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use relume::LightRig;
 
     #[test]
     fn what_was_kept_is_found_again() {
@@ -80,6 +81,7 @@ mod tests {
         let autosave = Autosave::new(&state, &folder.path().join("night.toml"));
         assert_eq!(autosave.recovered().unwrap(), None);
         let rig = LightRig { exposure: 1.25, ..LightRig::default() };
+        let rig = AnimatedRig::still(&rig, "night.toml").unwrap();
         autosave.keep(&rig).unwrap();
         assert_eq!(autosave.recovered().unwrap(), Some(rig));
         let other = Autosave::new(&state, &folder.path().join("day/night.toml"));

@@ -12,11 +12,16 @@ pub(crate) enum Command {
     Save,
     SaveAs,
     ExportImage,
+    ExportSequence,
     Close,
     Undo,
     Redo,
     Duplicate,
     Delete,
+    Key,
+    Play,
+    FrameBefore,
+    FrameAfter,
     Tool(Tool),
     Fit,
     Actual,
@@ -31,10 +36,11 @@ const CTRL: Modifiers = Modifiers::COMMAND;
 const CTRL_SHIFT: Modifiers = CTRL.plus(Modifiers::SHIFT);
 
 /// Every key, the longer combinations first: a shorter one would be taken for them.
-const KEYS: [(Command, Modifiers, Key); 20] = [
+const KEYS: [(Command, Modifiers, Key); 25] = [
     (Command::SaveAs, CTRL_SHIFT, Key::S),
     (Command::Redo, CTRL_SHIFT, Key::Z),
     (Command::OpenRig, CTRL_SHIFT, Key::O),
+    (Command::ExportSequence, CTRL_SHIFT, Key::E),
     (Command::OpenShot, CTRL, Key::O),
     (Command::Save, CTRL, Key::S),
     (Command::ExportImage, CTRL, Key::E),
@@ -42,6 +48,10 @@ const KEYS: [(Command, Modifiers, Key); 20] = [
     (Command::Undo, CTRL, Key::Z),
     (Command::Duplicate, CTRL, Key::D),
     (Command::Delete, Modifiers::NONE, Key::Delete),
+    (Command::Key, Modifiers::NONE, Key::K),
+    (Command::Play, Modifiers::NONE, Key::Space),
+    (Command::FrameBefore, Modifiers::NONE, Key::Comma),
+    (Command::FrameAfter, Modifiers::NONE, Key::Period),
     (Command::Tool(Tool::Aim), Modifiers::NONE, Key::A),
     (Command::Tool(Tool::Highlight), Modifiers::NONE, Key::H),
     (Command::Tool(Tool::SHADOW), Modifiers::NONE, Key::J),
@@ -73,11 +83,16 @@ impl Command {
             Self::Save => "Save rig",
             Self::SaveAs => "Save rig as ...",
             Self::ExportImage => "Export image ...",
+            Self::ExportSequence => "Export sequence ...",
             Self::Close => "Close",
             Self::Undo => "Undo",
             Self::Redo => "Redo",
             Self::Duplicate => "Duplicate light",
             Self::Delete => "Delete light",
+            Self::Key => "Key light",
+            Self::Play => "Play or pause",
+            Self::FrameBefore => "Frame before",
+            Self::FrameAfter => "Frame after",
             Self::Tool(Tool::Select) => "Select",
             Self::Tool(Tool::Aim) => "Aim spot here",
             Self::Tool(Tool::Highlight) => "Place by highlight",
@@ -104,11 +119,20 @@ impl Command {
             Self::ExportImage => {
                 "Write what the camera sees: .exr with direct and indirect light in layers, or .png as it is shown"
             }
+            Self::ExportSequence => {
+                "Write every frame, from the first key to the last: name the files as in lights.####.exr"
+            }
             Self::Close => "Close the window",
             Self::Undo => "Take back the last edit",
             Self::Redo => "Do again what was taken back",
             Self::Duplicate => "Add a copy of the selected light",
             Self::Delete => "Delete the selected light",
+            Self::Key => {
+                "Key what moves of the selected light at this frame; where nothing does, its place begins to"
+            }
+            Self::Play => "Play from the first keyed frame to the last, over and over",
+            Self::FrameBefore => "Go to the frame before",
+            Self::FrameAfter => "Go to the frame after",
             Self::Tool(Tool::Select) => "Select lights and drag their handles",
             Self::Tool(Tool::Aim) => "Click or drag where the selected spot shall point",
             Self::Tool(Tool::Highlight) => {

@@ -12,6 +12,7 @@ pub(crate) enum Purpose {
     OpenRig,
     SaveRig,
     ExportImage,
+    ExportSequence,
     Map,
 }
 
@@ -22,6 +23,7 @@ impl Purpose {
             Self::OpenRig => "Open a rig",
             Self::SaveRig => "Save the rig",
             Self::ExportImage => "Export the image",
+            Self::ExportSequence => "Export every frame, numbered where the name has #",
             Self::Map => "Choose an environment map",
         }
     }
@@ -31,13 +33,13 @@ impl Purpose {
         match self {
             Self::OpenShot => ("Scenes and caches", &["glb", "gltf", "obj", "relume"]),
             Self::OpenRig | Self::SaveRig => ("Light rigs", &["toml"]),
-            Self::ExportImage => ("Images", &["exr", "png"]),
+            Self::ExportImage | Self::ExportSequence => ("Images", &["exr", "png"]),
             Self::Map => ("Environment maps", &["hdr", "exr"]),
         }
     }
 
     fn writes(self) -> bool {
-        matches!(self, Self::SaveRig | Self::ExportImage)
+        matches!(self, Self::SaveRig | Self::ExportImage | Self::ExportSequence)
     }
 }
 

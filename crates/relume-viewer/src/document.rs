@@ -1,25 +1,38 @@
 //! The rig that is edited: its file, what is selected, what can be undone.
 
+mod motion;
+
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use relume::glam::Vec3;
-use relume::{Light, LightKind, LightRig, Result};
-use relume_io::{load_rig, save_rig};
+use relume::{Error, Light, LightKind, LightRig, Result};
+use relume_io::AnimatedRig;
 
 use crate::history::History;
+use crate::wording::change;
+
+pub(crate) use motion::named;
+
+/// What a rig without a file is called.
+const UNTITLED: &str = "untitled.toml";
 
 /// The rig at work. Its fields may be edited at will: [`Self::note`] finds out what has changed.
 #[derive(Debug)]
 pub(crate) struct Document {
+    /// As it is at the present frame.
     pub(crate) rig: LightRig,
     /// The light whose fields are shown, by its place in the list.
     pub(crate) selected: Option<usize>,
     /// The light that shines alone, by name: no part of the rig.
     pub(crate) solo: Option<String>,
     path: Option<PathBuf>,
-    saved: LightRig,
+    saved: AnimatedRig,
     history: History,
+    /// The present frame, and the rig there as it was noted last.
+    frame: i32,
+    noted: LightRig,
+    /// Why the last edit could not be.
+    fault: Option<Error>,
 }
 
 /// Kinds of lights to add.
@@ -73,17 +86,37 @@ pub(crate) struct Stage {
 }
 
 impl Document {
-    pub(crate) fn new(rig: LightRig, path: Option<PathBuf>) -> Self {
-        let selected = (!rig.lights.is_empty()).then_some(0);
-        Self { saved: rig.clone(), history: History::new(rig.clone()), rig, selected, solo: None, path }
+    /// A rig in which nothing moves.
+    ///
+    /// # Errors
+    /// As [`AnimatedRig::still`].
+    pub(crate) fn new(rig: &LightRig) -> Result<Self> {
+        Self::of(AnimatedRig::still(rig, UNTITLED)?, None)
     }
 
     /// Reads a rig.
     ///
     /// # Errors
-    /// As [`load_rig`].
+    /// As [`AnimatedRig::load`].
     pub(crate) fn open(path: &Path) -> Result<Self> {
-        Ok(Self::new(load_rig(path)?, Some(path.to_owned())))
+        Self::of(AnimatedRig::load(path)?, Some(path.to_owned()))
+    }
+
+    /// A rig as it was read, at its first keyed frame.
+    pub(crate) fn of(animated: AnimatedRig, path: Option<PathBuf>) -> Result<Self> {
+        let frame = animated.frames().map_or(motion::FIRST, |frames| *frames.start());
+        let rig = animated.rig(frame.into())?;
+        Ok(Self {
+            selected: (!rig.lights.is_empty()).then_some(0),
+            solo: None,
+            path,
+            saved: animated.clone(),
+            history: History::new(animated),
+            frame,
+            noted: rig.clone(),
+            rig,
+            fault: None,
+        })
     }
 
     /// Where it is saved.
@@ -104,37 +137,88 @@ impl Document {
 
     /// Whether there is anything that its file has not.
     pub(crate) fn is_changed(&self) -> bool {
-        self.rig != self.saved
+        self.rig != self.noted || *self.history.now() != self.saved
     }
 
     /// Takes up a rig that was kept from an earlier time as one more edit.
-    pub(crate) fn recover(&mut self, rig: LightRig) {
-        self.rig = rig;
-        self.note();
-        self.keep_selection();
+    pub(crate) fn recover(&mut self, rig: &AnimatedRig) {
+        match rig.moved_to(self.history.now().path()) {
+            Ok(rig) => self.step(rig, "recover edits".to_owned()),
+            Err(error) => self.fault = Some(error),
+        }
+    }
+
+    /// All of it as it is now, with what has not been noted yet where that can be.
+    pub(crate) fn whole(&self) -> AnimatedRig {
+        let now = self.history.now();
+        let edited = (self.rig != self.noted).then(|| now.edited(self.frame, &self.rig).ok()).flatten();
+        edited.unwrap_or_else(|| now.clone())
     }
 
     /// Saves the rig, to another file where one is given, which is then its own.
     ///
     /// # Errors
-    /// As [`save_rig`]; all stays as it was.
+    /// As [`AnimatedRig::save`]; all stays as it was.
     pub(crate) fn save(&mut self, path: &Path) -> Result<()> {
-        let moved = maps_from(&self.rig, self.path.as_deref(), path);
-        save_rig(&moved, path)?;
         self.note();
-        if moved != self.rig {
-            // of every step, so that what is undone finds its maps as well
-            self.history.each(|rig| maps_from(rig, self.path.as_deref(), path));
-            self.rig = moved;
+        if let Some(fault) = self.fault.take() {
+            return Err(fault);
         }
-        self.path = Some(path.to_owned());
-        self.saved = self.rig.clone();
+        let moved = self.history.now().moved_to(path)?;
+        moved.save()?;
+        if self.path.as_deref() != Some(path) {
+            // of every step, so that what is undone finds its maps as well
+            self.history.each(|rig| rig.moved_to(path).unwrap_or_else(|_| rig.clone()));
+            self.path = Some(path.to_owned());
+            self.show();
+        }
+        self.saved = self.history.now().clone();
         Ok(())
     }
 
-    /// Keeps what has changed since the last call as one step to undo.
+    /// Keeps what has changed since the last call as one step to undo. What cannot be, at some frame, is taken back, and told by [`Self::fault`].
     pub(crate) fn note(&mut self) -> bool {
-        self.history.note(&self.rig)
+        if self.rig == self.noted {
+            return false;
+        }
+        match self.history.now().edited(self.frame, &self.rig) {
+            Ok(edited) => {
+                self.history.note(edited, change(&self.noted, &self.rig));
+                self.noted = self.rig.clone();
+                true
+            }
+            Err(error) => {
+                self.rig = self.noted.clone();
+                self.keep_selection();
+                self.fault = Some(error);
+                false
+            }
+        }
+    }
+
+    /// Why an edit was taken back, once.
+    pub(crate) fn fault(&mut self) -> Option<Error> {
+        self.fault.take()
+    }
+
+    /// Takes another rig as one step to undo.
+    fn step(&mut self, rig: AnimatedRig, name: String) {
+        self.note();
+        self.history.note(rig, name);
+        self.show();
+    }
+
+    /// Takes up the rig as the history has it.
+    fn show(&mut self) {
+        let now = self.history.now();
+        let (frame, rig) = match now.rig(self.frame.into()) {
+            Ok(rig) => (self.frame, rig),
+            // between its keys a rig may be impossible, at the first one it never is
+            Err(_) => (now.first_frame(), now.rig(now.first_frame().into()).unwrap_or_default()),
+        };
+        (self.frame, self.noted) = (frame, rig.clone());
+        self.rig = rig;
+        self.keep_selection();
     }
 
     pub(crate) fn undoes(&self) -> Option<&str> {
@@ -148,19 +232,14 @@ impl Document {
     /// Goes back a step; what has not been noted yet is one.
     pub(crate) fn undo(&mut self) {
         self.note();
-        if let Some(rig) = self.history.undo() {
-            self.rig = rig;
-            self.keep_selection();
+        if self.history.undo() {
+            self.show();
         }
     }
 
     pub(crate) fn redo(&mut self) {
-        if self.note() {
-            return;
-        }
-        if let Some(rig) = self.history.redo() {
-            self.rig = rig;
-            self.keep_selection();
+        if !self.note() && self.history.redo() {
+            self.show();
         }
     }
 
@@ -267,17 +346,20 @@ impl Document {
         }
         Ok(())
     }
+}
 
-    /// The rig as it is to be shown: where a light shines alone, without the others and without what emits.
-    pub(crate) fn shown(&self, emissive: impl Iterator<Item = String>) -> LightRig {
-        let mut rig = self.rig.clone();
-        if let Some(solo) = &self.solo {
-            rig.lights.iter_mut().for_each(|light| light.enabled &= light.name == *solo);
-            let dark = |material| relume::Emitter { material, scale: Vec3::ZERO };
-            rig.emitters = emissive.map(dark).collect();
-        }
-        rig
+/// A rig as it is to be shown: where a light shines alone, without the others and without what emits.
+pub(crate) fn alone(
+    mut rig: LightRig,
+    solo: Option<&str>,
+    emissive: impl Iterator<Item = String>,
+) -> LightRig {
+    if let Some(solo) = solo {
+        rig.lights.iter_mut().for_each(|light| light.enabled &= light.name == solo);
+        let dark = |material| relume::Emitter { material, scale: Vec3::ZERO };
+        rig.emitters = emissive.map(dark).collect();
     }
+    rig
 }
 
 /// A number with two digits that count: what a person would have typed.
@@ -290,27 +372,6 @@ fn centimetres(position: Vec3) -> Vec3 {
     (position * 100.0).round() / 100.0
 }
 
-/// The rig as it is written to `to`: maps of domes are named from its folder.
-fn maps_from(rig: &LightRig, from: Option<&Path>, to: &Path) -> LightRig {
-    let folder = |path: &Path| {
-        let parent = path.parent().unwrap_or(Path::new(""));
-        std::path::absolute(parent).unwrap_or_else(|_| parent.to_owned())
-    };
-    let (from, to) = (from.map(folder), folder(to));
-    let mut rig = rig.clone();
-    for light in &mut rig.lights {
-        if let LightKind::Dome { map: Some(map), .. } = &mut light.kind {
-            let named = Path::new(map.name());
-            let file = from.as_ref().map_or_else(|| named.to_owned(), |folder| folder.join(named));
-            let name = file.strip_prefix(&to).unwrap_or(&file).to_string_lossy().into_owned();
-            if name != map.name() && file.is_absolute() {
-                *map = Arc::new(map.renamed(name));
-            }
-        }
-    }
-    rig
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -318,7 +379,7 @@ mod tests {
     const STAGE: Stage = Stage { eye: Vec3::new(0.0, 1.6, 5.0), center: Vec3::new(0.0, 1.0, 0.0) };
 
     fn document() -> Document {
-        let mut document = Document::new(LightRig::default(), None);
+        let mut document = Document::new(&LightRig::default()).unwrap();
         document.add(NewLight::Omni, STAGE);
         document.add(NewLight::Spot, STAGE);
         document.note();
@@ -375,7 +436,7 @@ mod tests {
     fn one_light_shines_alone() {
         let mut document = document();
         document.solo = Some("spot".to_owned());
-        let shown = document.shown(["lamp".to_owned()].into_iter());
+        let shown = alone(document.rig.clone(), Some("spot"), ["lamp".to_owned()].into_iter());
         assert_eq!(shown.lights.iter().map(|light| light.enabled).collect::<Vec<_>>(), [false, true]);
         assert_eq!(shown.emitters[0].scale, Vec3::ZERO);
         assert!(document.rig.lights.iter().all(|light| light.enabled), "the rig stays as it is");

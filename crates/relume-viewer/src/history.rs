@@ -1,8 +1,6 @@
 //! Undo and redo.
 
-use relume::LightRig;
-
-use crate::wording::change;
+use relume_io::AnimatedRig;
 
 /// Steps that are kept.
 const LONGEST: usize = 500;
@@ -11,7 +9,7 @@ const LONGEST: usize = 500;
 #[derive(Debug)]
 pub(crate) struct History {
     /// The rig after the last step.
-    now: LightRig,
+    now: AnimatedRig,
     undo: Vec<Step>,
     redo: Vec<Step>,
 }
@@ -21,21 +19,25 @@ pub(crate) struct History {
 struct Step {
     /// What was done from here on: "move key".
     name: String,
-    rig: LightRig,
+    rig: AnimatedRig,
 }
 
 impl History {
-    pub(crate) fn new(rig: LightRig) -> Self {
+    pub(crate) fn new(rig: AnimatedRig) -> Self {
         Self { now: rig, undo: Vec::new(), redo: Vec::new() }
     }
 
-    /// Notes that the rig is another one now, as one step. Returns whether it is.
-    pub(crate) fn note(&mut self, rig: &LightRig) -> bool {
-        if *rig == self.now {
+    pub(crate) fn now(&self) -> &AnimatedRig {
+        &self.now
+    }
+
+    /// Notes that the rig is another one now, as one step of that name. Returns whether it is.
+    pub(crate) fn note(&mut self, rig: AnimatedRig, name: String) -> bool {
+        if rig == self.now {
             return false;
         }
-        let before = std::mem::replace(&mut self.now, rig.clone());
-        self.undo.push(Step { name: change(&before, rig), rig: before });
+        let before = std::mem::replace(&mut self.now, rig);
+        self.undo.push(Step { name, rig: before });
         if self.undo.len() > LONGEST {
             self.undo.remove(0);
         }
@@ -44,7 +46,7 @@ impl History {
     }
 
     /// Changes the rig at every step.
-    pub(crate) fn each(&mut self, change: impl Fn(&LightRig) -> LightRig) {
+    pub(crate) fn each(&mut self, change: impl Fn(&AnimatedRig) -> AnimatedRig) {
         let steps = self.undo.iter_mut().chain(&mut self.redo).map(|step| &mut step.rig);
         steps.chain([&mut self.now]).for_each(|rig| *rig = change(rig));
     }
@@ -59,55 +61,60 @@ impl History {
         self.redo.last().map(|step| step.name.as_str())
     }
 
-    /// The rig before the last step.
-    pub(crate) fn undo(&mut self) -> Option<LightRig> {
-        let Step { name, rig } = self.undo.pop()?;
-        let after = std::mem::replace(&mut self.now, rig.clone());
-        self.redo.push(Step { name, rig: after });
-        Some(rig)
+    /// Goes to the rig before the last step, if there was one.
+    pub(crate) fn undo(&mut self) -> bool {
+        let step = self.undo.pop();
+        let (now, redo) = (&mut self.now, &mut self.redo);
+        let back = step.map(|Step { name, rig }| redo.push(Step { name, rig: std::mem::replace(now, rig) }));
+        back.is_some()
     }
 
-    /// The rig after the step that was undone last.
-    pub(crate) fn redo(&mut self) -> Option<LightRig> {
-        let Step { name, rig } = self.redo.pop()?;
-        let before = std::mem::replace(&mut self.now, rig.clone());
-        self.undo.push(Step { name, rig: before });
-        Some(rig)
+    /// Goes to the rig after the step that was undone last, if there was one.
+    pub(crate) fn redo(&mut self) -> bool {
+        let step = self.redo.pop();
+        let (now, undo) = (&mut self.now, &mut self.undo);
+        let on = step.map(|Step { name, rig }| undo.push(Step { name, rig: std::mem::replace(now, rig) }));
+        on.is_some()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use relume::LightRig;
 
-    fn rig(exposure: f32) -> LightRig {
-        LightRig { exposure, ..LightRig::default() }
+    fn rig(exposure: f32) -> AnimatedRig {
+        AnimatedRig::still(&LightRig { exposure, ..LightRig::default() }, "rig.toml").unwrap()
+    }
+
+    fn note(history: &mut History, exposure: f32) -> bool {
+        history.note(rig(exposure), format!("to {exposure}"))
     }
 
     #[test]
     fn steps_go_back_and_forth() {
         let mut history = History::new(rig(0.0));
-        assert!(!history.note(&rig(0.0)));
-        assert!(history.note(&rig(1.0)) && history.note(&rig(2.0)));
-        assert_eq!(history.undoes(), Some("change exposure"));
-        assert_eq!(history.undo(), Some(rig(1.0)));
-        assert!(!history.note(&rig(1.0)), "undoing is no step of its own");
-        assert_eq!(history.undo(), Some(rig(0.0)));
-        assert_eq!(history.undo(), None);
-        assert_eq!(history.redo(), Some(rig(1.0)));
-        assert!(history.note(&rig(5.0)));
-        assert_eq!(history.redo(), None, "another way was taken");
-        assert_eq!(history.undo(), Some(rig(1.0)));
-        assert_eq!(history.redoes(), Some("change exposure"));
+        assert!(!note(&mut history, 0.0));
+        assert!(note(&mut history, 1.0) && note(&mut history, 2.0));
+        assert_eq!(history.undoes(), Some("to 2"));
+        assert!(history.undo() && *history.now() == rig(1.0));
+        assert!(!note(&mut history, 1.0), "undoing is no step of its own");
+        assert!(history.undo() && *history.now() == rig(0.0));
+        assert!(!history.undo());
+        assert!(history.redo() && *history.now() == rig(1.0));
+        assert!(note(&mut history, 5.0));
+        assert!(!history.redo(), "another way was taken");
+        assert!(history.undo() && *history.now() == rig(1.0));
+        assert_eq!(history.redoes(), Some("to 5"));
     }
 
     #[test]
     fn the_oldest_steps_are_forgotten() {
         let mut history = History::new(rig(0.0));
         for step in 1..=LONGEST + 10 {
-            history.note(&rig(step as f32));
+            note(&mut history, step as f32);
         }
-        let steps = std::iter::from_fn(|| history.undo()).count();
+        let steps = std::iter::from_fn(|| history.undo().then_some(())).count();
         assert_eq!(steps, LONGEST);
     }
 }

@@ -21,6 +21,7 @@ mod command;
 mod develop;
 mod dialog;
 mod document;
+mod export;
 mod history;
 mod lighting;
 mod mailbox;
@@ -70,7 +71,7 @@ pub fn run(options: Options) -> Result<()> {
     };
     if let Some(rig) = &options.rig {
         // told here, and not once there is a window
-        relume_io::load_rig(rig)?;
+        relume_io::AnimatedRig::load(rig)?;
     }
     let mut refused = None;
     let create = |context: &eframe::CreationContext<'_>| match Viewer::new(context, options) {

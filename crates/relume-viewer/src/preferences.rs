@@ -19,6 +19,10 @@ pub(crate) struct Preferences {
     pub(crate) theme: ThemePreference,
     pub(crate) curve: Curve,
     pub(crate) measure: Measure,
+    /// Whether EXR files have the layers of each light.
+    pub(crate) per_light: bool,
+    /// Frames a second.
+    pub(crate) rate: f32,
     /// Scenes, caches and rigs, the newest first.
     pub(crate) recent: Vec<PathBuf>,
 }
@@ -29,6 +33,8 @@ impl Default for Preferences {
             theme: ThemePreference::Dark,
             curve: Curve::Neutral,
             measure: Measure::Linear,
+            per_light: false,
+            rate: 24.0,
             recent: Vec::new(),
         }
     }

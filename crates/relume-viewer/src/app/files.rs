@@ -5,14 +5,17 @@ use std::sync::Arc;
 
 use eframe::egui;
 use relume::glam::Vec3;
-use relume::image::display;
-use relume::{Error, LightKind};
-use relume_io::{ExrMeta, read_environment, write_exr, write_png};
+use relume::scene::EnvironmentMap;
+use relume::{Error, LightKind, LightRig, Transfer};
+use relume_io::read_environment;
 
-use super::{Pending, Viewer};
+use super::orders::shown;
+use super::{OpenedRig, Pending, Read, Viewer};
 use crate::autosave::Autosave;
 use crate::dialog::Purpose;
 use crate::document::{Document, NewLight};
+use crate::export::{Export, Job, Sheets};
+use crate::lighting::Frame;
 use crate::shot::{Shot, Source};
 use crate::view::View;
 
@@ -59,7 +62,7 @@ impl Viewer {
             if autosave.is_there() {
                 self.set_aside();
             }
-            match autosave.keep(&self.document.rig) {
+            match autosave.keep(&self.document.whole()) {
                 Ok(()) if !waited => before.iter().for_each(Autosave::forget),
                 Ok(()) => {}
                 Err(error) => self.messages.error(&error),
@@ -83,20 +86,54 @@ impl Viewer {
         }
     }
 
-    pub(super) fn open_rig(&mut self, path: &Path) {
-        match Document::open(path) {
-            Ok(document) => {
-                // whoever had edits there was asked; those of an earlier time wait on in their file
-                let waits = self.recovered.take().is_some();
-                self.autosave.take().iter().filter(|_| !waits).for_each(Autosave::forget);
-                self.document = document;
-                self.wants_lights = false;
-                self.unknown.clear();
-                self.preferences.remember(path);
-                self.recover();
-            }
-            Err(error) => self.messages.error(&error),
+    /// Reads a rig, on a thread of its own: its maps may be large. The rig as it is now may be lost for it, but nothing that is edited meanwhile.
+    pub(super) fn open_rig(&mut self, ctx: &egui::Context, path: PathBuf) {
+        let given_up = self.document.whole();
+        self.read(ctx, move || {
+            let opened = Document::open(&path);
+            Read::Rig(path, opened.map(|document| Box::new(OpenedRig { document, given_up })))
+        });
+    }
+
+    fn read(&mut self, ctx: &egui::Context, read: impl FnOnce() -> Read + Send + 'static) {
+        let (done, wake) = (self.read.0.clone(), ctx.clone());
+        let read = move || {
+            // a window that has closed need not be told
+            let _ = done.send(read());
+            wake.request_repaint();
+        };
+        match std::thread::Builder::new().name("reading".to_owned()).spawn(read) {
+            Ok(_) => self.reading += 1,
+            Err(error) => self.messages.error(&Error::io("threads for the window", "start", error)),
         }
+    }
+
+    /// Takes up what was read.
+    pub(super) fn take_read(&mut self, read: Read) {
+        self.reading -= 1;
+        match read {
+            Read::Rig(path, Ok(opened)) => {
+                if self.document.is_changed() && self.document.whole() != opened.given_up {
+                    self.pending = Some(Pending::Rig(path));
+                } else {
+                    self.take_rig(&path, opened.document);
+                }
+            }
+            Read::Rig(_, Err(error)) | Read::Map(Err(error)) => self.messages.error(&error),
+            Read::Map(Ok(map)) => self.take_map(map),
+        }
+    }
+
+    fn take_rig(&mut self, path: &Path, document: Document) {
+        // whoever had edits there was asked; those of an earlier time wait on in their file
+        let waits = self.recovered.take().is_some();
+        self.autosave.take().iter().filter(|_| !waits).for_each(Autosave::forget);
+        self.document = document;
+        self.playing = None;
+        self.wants_lights = false;
+        self.unknown.clear();
+        self.preferences.remember(path);
+        self.recover();
     }
 
     /// Saves the rig. Returns to what waited for it.
@@ -123,8 +160,9 @@ impl Viewer {
         match purpose {
             Purpose::OpenShot | Purpose::OpenRig => self.open(ctx, path),
             Purpose::SaveRig => self.save(&path),
-            Purpose::ExportImage => self.export(ctx, &path),
-            Purpose::Map => self.set_map(&path),
+            Purpose::ExportImage => self.export_image(ctx, path),
+            Purpose::ExportSequence => self.export_sequence(ctx, path),
+            Purpose::Map => self.set_map(ctx, path),
         }
     }
 
@@ -133,8 +171,8 @@ impl Viewer {
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
         match ending.as_deref() {
             Some("toml") if self.document.is_changed() => self.pending = Some(Pending::Rig(path)),
-            Some("toml") => self.open_rig(&path),
-            Some("hdr" | "exr") => self.set_map(&path),
+            Some("toml") => self.open_rig(ctx, path),
+            Some("hdr" | "exr") => self.set_map(ctx, path),
             _ if !path.is_file() => {
                 let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
                 self.messages.error(&Error::io(&path, "read", missing));
@@ -146,16 +184,19 @@ impl Viewer {
         }
     }
 
-    /// Gives the selected dome a map, or adds a dome with it.
-    pub(super) fn set_map(&mut self, path: &Path) {
+    /// Reads a map for a dome, on a thread of its own.
+    pub(super) fn set_map(&mut self, ctx: &egui::Context, path: PathBuf) {
         let folder =
             self.document.path().and_then(Path::parent).and_then(|folder| std::path::absolute(folder).ok());
-        let file = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let name = folder.and_then(|folder| file.strip_prefix(folder).ok()).unwrap_or(&file);
-        let read = match read_environment(path, &name.to_string_lossy()) {
-            Ok(read) => Arc::new(read),
-            Err(error) => return self.messages.error(&error),
-        };
+        let file = std::path::absolute(&path).unwrap_or_else(|_| path.clone());
+        let name = folder.and_then(|folder| file.strip_prefix(folder).ok().map(Path::to_owned));
+        let name = name.unwrap_or(file).to_string_lossy().into_owned();
+        self.read(ctx, move || Read::Map(read_environment(path, &name)));
+    }
+
+    /// Gives the selected dome a map, or adds a dome with it.
+    fn take_map(&mut self, map: EnvironmentMap) {
+        let read = Arc::new(map);
         let is_dome = |light: &relume::Light| matches!(light.kind, LightKind::Dome { .. });
         if !self.document.selected_light().is_some_and(|light| is_dome(light)) {
             match self.document.rig.lights.iter().position(is_dome) {
@@ -175,33 +216,60 @@ impl Viewer {
         }
     }
 
-    /// Writes the picture on a thread of its own.
-    pub(super) fn export(&mut self, ctx: &egui::Context, path: &Path) {
-        let Some(lit) = self.lit.clone() else {
-            return self.messages.warn("There is no picture to export yet");
+    /// Writes the picture, as it is in full.
+    fn export_image(&mut self, ctx: &egui::Context, path: PathBuf) {
+        let Some(transfer) = self.transfer.clone() else { return };
+        let rig = shown(self.document.rig.clone(), self.document.solo.as_deref(), &transfer);
+        let is_it = |lit: &&Arc<Frame>| {
+            let same = LightRig { exposure: 0.0, ..rig.clone() } == lit.rig;
+            same && !lit.preview && Arc::ptr_eq(&lit.transfer, &transfer)
         };
-        if lit.preview {
-            self.messages.warn("What was exported is a coarse frame: the full one is not there yet");
+        let lit = self.lit.as_ref().filter(is_it).cloned();
+        self.export(ctx, path, transfer, Sheets::One { rig, lit });
+    }
+
+    /// Writes a picture of every frame.
+    fn export_sequence(&mut self, ctx: &egui::Context, path: PathBuf) {
+        self.document.note();
+        let (Some(transfer), Some(frames)) = (self.transfer.clone(), self.document.frames()) else { return };
+        let (solo, of) = (self.document.solo.clone(), Arc::clone(&transfer));
+        let shown = move |rig| shown(rig, solo.as_deref(), &of);
+        let animated = self.document.animated().clone();
+        let sheets = Sheets::Sequence { animated, frames, shown: Box::new(shown) };
+        self.export(ctx, path, transfer, sheets);
+    }
+
+    fn export(&mut self, ctx: &egui::Context, path: PathBuf, transfer: Arc<Transfer>, sheets: Sheets) {
+        let is_last = self.shot.as_ref().is_none_or(|shot| shot.stage() == crate::shot::Stage::Ready);
+        if !is_last {
+            self.messages.warn(
+                "What is exported is of a preparation that goes on: export it again once that is ready",
+            );
         }
-        let (exposure, curve) = (self.document.rig.exposure, self.preferences.curve.into());
-        let (path, done, wake) = (path.to_owned(), self.written.0.clone(), ctx.clone());
-        let write = move || {
-            let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-            let written = match ending.as_deref() {
-                Some("exr") => write_exr(&path, &lit.layers, &ExrMeta::default()),
-                Some("png") => {
-                    let image = lit.layers.full();
-                    write_png(&path, image.width, image.height, &display(&image, exposure, curve))
+        let (per_light, curve) = (self.preferences.per_light, self.preferences.curve.into());
+        let wake = ctx.clone();
+        let job = Job { transfer, sheets, path, per_light, curve };
+        match Export::start(job, move || wake.request_repaint()) {
+            Ok(export) => self.exports.push(export),
+            Err(error) => self.messages.error(&error),
+        }
+    }
+
+    /// Tells of images that are written.
+    pub(super) fn listen_to_exports(&mut self) {
+        let messages = &mut self.messages;
+        self.exports.retain(|export| {
+            let Some(end) = export.ended() else { return true };
+            let (written, of) = export.progress();
+            match end {
+                Ok(()) if of == 1 => messages.notice(format!("Wrote {}", export.path().display())),
+                Ok(()) => messages.notice(format!("Wrote {of} frames: {}", export.path().display())),
+                Err(Error::Cancelled) => {
+                    messages.notice(format!("The export has ended: {written} of {of} frames are written"));
                 }
-                _ => Err(Error::file(&path, "an image must end in .exr or .png; name it so")),
-            };
-            // a window that has closed need not be told
-            let _ = done.send(written.map(|()| path));
-            wake.request_repaint();
-        };
-        match std::thread::Builder::new().name("export".to_owned()).spawn(write) {
-            Ok(_) => self.writing += 1,
-            Err(error) => self.messages.error(&Error::io("threads for the window", "start", error)),
-        }
+                Err(error) => messages.error(&error),
+            }
+            false
+        });
     }
 }

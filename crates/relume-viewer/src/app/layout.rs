@@ -1,15 +1,15 @@
 //! What the window looks like: menus, panels, questions.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use eframe::egui::{
-    self, Button, CentralPanel, CollapsingHeader, ComboBox, DragValue, Key, MenuBar, Modal, Panel,
-    ScrollArea, Ui, ViewportCommand,
+    self, Button, CentralPanel, CollapsingHeader, ComboBox, DragValue, MenuBar, Panel, ScrollArea, Ui,
+    ViewportCommand,
 };
-use relume::LightKind;
+use relume::{Error, LightKind};
 
-use super::{Pending, Viewer};
+use super::Viewer;
 use crate::command::Command;
 use crate::dialog::Purpose;
 use crate::document::NewLight;
@@ -35,11 +35,20 @@ impl eframe::App for Viewer {
         self.drawn += 1;
         self.take_dropped(&ctx);
         self.take_keys(&ctx);
+        self.play(&ctx);
         Panel::top("menu").show(ui, |ui| self.menu(ui));
         Panel::bottom("status").show(ui, |ui| {
+            self.timeline(ui);
             panels::messages(ui, &mut self.messages);
             self.probe(ui);
-            panels::status(ui, self.shot.as_ref(), self.lit.as_deref(), self.latencies.last().copied());
+            panels::exports(ui, &self.exports);
+            panels::status(
+                ui,
+                self.shot.as_ref(),
+                self.lit.as_deref(),
+                self.latencies.last().copied(),
+                self.reading > 0,
+            );
         });
         Panel::right("side").default_size(330.0).min_size(260.0).show(ui, |ui| {
             ScrollArea::vertical().auto_shrink(false).show(ui, |ui| self.side(ui));
@@ -61,9 +70,13 @@ impl eframe::App for Viewer {
         self.tell_latencies();
         // what is being written is written to its end
         self.shot.iter().for_each(Shot::finish_saving);
-        for _ in 0..self.writing {
-            if let Ok(Err(error)) = self.written.1.recv_timeout(WRITTEN_WITHIN) {
-                eprintln!("error: {error}");
+        for export in &self.exports {
+            if export.progress().1 > 1 {
+                export.stop(); // whoever closes the window was asked
+            }
+            match export.finish_within(WRITTEN_WITHIN) {
+                Ok(()) | Err(Error::Cancelled) => {}
+                Err(error) => eprintln!("error: {error}"),
             }
         }
         // saved, or given up; whatever else ends the window leaves them for the next time
@@ -73,7 +86,7 @@ impl eframe::App for Viewer {
         }
         if self.may_close || !self.document.is_changed() {
             autosave.forget();
-        } else if let Err(error) = autosave.keep(&self.document.rig) {
+        } else if let Err(error) = autosave.keep(&self.document.whole()) {
             eprintln!("error: {error}");
         }
     }
@@ -112,6 +125,29 @@ impl Viewer {
         }
     }
 
+    /// Goes on playing, where nothing is held.
+    fn play(&mut self, ctx: &egui::Context) {
+        if self.playing.is_none() {
+            return;
+        }
+        if ctx.input(|input| input.pointer.any_down()) {
+            // what is dragged is dragged at one frame
+            self.playing = Some((Instant::now(), self.document.frame()));
+            return;
+        }
+        panels::play(&mut self.playing, &mut self.document, self.preferences.rate);
+        ctx.request_repaint_after(Duration::from_secs_f32(0.5 / self.preferences.rate));
+    }
+
+    fn timeline(&mut self, ui: &mut Ui) {
+        let playing = self.playing.is_some();
+        let asked = panels::timeline(ui, &mut self.document, playing, &mut self.preferences.rate);
+        if let Some(command) = asked {
+            let ctx = ui.ctx().clone();
+            self.run(&ctx, command);
+        }
+    }
+
     /// A line of a menu.
     fn item(&mut self, ui: &mut Ui, command: Command, enabled: bool) {
         let mut button = Button::new(command.name());
@@ -147,6 +183,12 @@ impl Viewer {
                 let selected = self.document.selected.is_some();
                 self.item(ui, Command::Duplicate, selected);
                 self.item(ui, Command::Delete, selected);
+                ui.separator();
+                self.item(ui, Command::Key, selected);
+                let moves = self.document.frames().is_some();
+                for command in [Command::Play, Command::FrameBefore, Command::FrameAfter] {
+                    self.item(ui, command, moves);
+                }
                 ui.separator();
                 for tool in [Tool::Aim, Tool::Highlight, Tool::SHADOW] {
                     self.item(ui, Command::Tool(tool), selected);
@@ -195,6 +237,9 @@ impl Viewer {
         self.item(ui, Command::SaveAs, true);
         ui.separator();
         self.item(ui, Command::ExportImage, self.lit.is_some());
+        self.item(ui, Command::ExportSequence, self.lit.is_some() && self.document.frames().is_some());
+        ui.checkbox(&mut self.preferences.per_light, "Layers of each light in EXR")
+            .on_hover_text("What is exported as .exr has direct and indirect light of each light as well");
         ui.separator();
         self.item(ui, Command::Close, true);
     }
@@ -336,6 +381,9 @@ impl Viewer {
                 }
             }
         }
+        CollapsingHeader::new("Motion")
+            .default_open(self.document.frames().is_some())
+            .show(ui, |ui| panels::motion(ui, &mut self.document));
         let Some(report) = self.report().cloned() else { return };
         ui.separator();
         if !self.emissive.is_empty() {
@@ -402,65 +450,6 @@ impl Viewer {
         self.picture.ui(ui, &mut self.document, &around);
     }
 
-    fn questions(&mut self, ui: &mut Ui) {
-        let ctx = ui.ctx().clone();
-        if let Some((purpose, path)) = self.question.answer(ui) {
-            self.answer(&ctx, purpose, path);
-        }
-        if self.pending.is_some() && !self.question.is_open() {
-            self.ask_to_save(ui);
-        }
-        if self.shows_help {
-            let close = Modal::new(egui::Id::unique("help")).show(&ctx, help).should_close();
-            self.shows_help = !close;
-        }
-    }
-
-    /// Keeps the window open where there are unsaved edits, until it is known what shall become of them. Also where it is hidden, and nothing is drawn.
-    fn ask_before_closing(&mut self, ctx: &egui::Context) {
-        if !ctx.input(|input| input.viewport().close_requested()) || self.may_close {
-            return;
-        }
-        self.document.note();
-        if self.document.is_changed() {
-            ctx.send_viewport_cmd(ViewportCommand::CancelClose);
-            ctx.send_viewport_cmd(ViewportCommand::Minimized(false));
-            ctx.send_viewport_cmd(ViewportCommand::Focus);
-            self.pending = Some(Pending::Close);
-        }
-    }
-
-    /// What shall become of unsaved edits, before something takes their place.
-    fn ask_to_save(&mut self, ui: &mut Ui) {
-        let ctx = ui.ctx().clone();
-        let mut go_on = !self.document.is_changed();
-        if !go_on {
-            Modal::new(egui::Id::unique("unsaved")).show(&ctx, |ui| {
-                ui.heading(format!("Save the changes to {}?", self.document.name()));
-                ui.horizontal(|ui| {
-                    if ui.button("Save").clicked() {
-                        self.run(&ctx, Command::Save);
-                    }
-                    go_on = ui.button("Discard").clicked();
-                    if ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape)) {
-                        self.pending = None;
-                    }
-                });
-            });
-        }
-        if !go_on {
-            return;
-        }
-        match self.pending.take() {
-            Some(Pending::Close) => {
-                self.may_close = true;
-                ctx.send_viewport_cmd(ViewportCommand::Close);
-            }
-            Some(Pending::Rig(path)) => self.open_rig(&path),
-            None => {}
-        }
-    }
-
     fn title(&mut self, ctx: &egui::Context) {
         let star = if self.document.is_changed() { "*" } else { "" };
         let shot = self.shot.as_ref().and_then(|shot| shot.source().path.file_name());
@@ -470,33 +459,5 @@ impl Viewer {
             ctx.send_viewport_cmd(ViewportCommand::Title(title.clone()));
             self.shown_title = title;
         }
-    }
-}
-
-/// Every key, and what the pointer does.
-fn help(ui: &mut Ui) {
-    ui.set_width(520.0);
-    ui.heading("Keys and pointer");
-    egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
-        for (command, key) in Command::keys() {
-            ui.monospace(ui.ctx().format_shortcut(&key));
-            ui.label(command.name()).on_hover_text(command.explanation());
-            ui.end_row();
-        }
-        for (pointer, what) in [
-            ("wheel, pinch", "Zoom at the pointer"),
-            ("drag", "Move the picture; at a handle, move or turn the selected light"),
-            ("right or middle drag", "Move the picture, with every tool"),
-            ("click on a light", "Select it"),
-            ("Esc", "End a tool; during a drag, take it back"),
-        ] {
-            ui.monospace(pointer);
-            ui.label(what);
-            ui.end_row();
-        }
-    });
-    ui.add_space(6.0);
-    if ui.button("Close").clicked() {
-        ui.close();
     }
 }

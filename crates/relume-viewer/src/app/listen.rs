@@ -47,13 +47,10 @@ impl Viewer {
             self.picture.inset.take(ctx, image);
         }
         self.compare();
-        while let Ok(written) = self.written.1.try_recv() {
-            self.writing -= 1;
-            match written {
-                Ok(path) => self.messages.notice(format!("Wrote {}", path.display())),
-                Err(error) => self.messages.error(&error),
-            }
+        while let Ok(read) = self.read.1.try_recv() {
+            self.take_read(read);
         }
+        self.listen_to_exports();
         if let Some(again) = self.messages.age() {
             ctx.request_repaint_after(again);
         }
@@ -105,7 +102,10 @@ impl Viewer {
             Event::Scene(scene, warnings) => {
                 warnings.into_iter().for_each(|warning| self.messages.warn(warning));
                 if self.wants_lights && self.document.is_untouched() && !scene.lights.lights.is_empty() {
-                    self.document = Document::new(scene.lights.clone(), None);
+                    match Document::new(&scene.lights) {
+                        Ok(document) => self.document = document,
+                        Err(error) => self.messages.error(&error),
+                    }
                     self.base_is_known();
                 }
                 self.scene = Some(scene);
@@ -140,7 +140,11 @@ impl Viewer {
         if self.document.is_untouched() && self.document.rig.lights.is_empty() && !shines {
             let stage = self.stage();
             self.document.add(NewLight::Omni, stage);
-            self.document = Document::new(self.document.rig.clone(), None);
+            // it is there from the beginning, and no edit
+            match Document::new(&self.document.rig) {
+                Ok(document) => self.document = document,
+                Err(error) => self.messages.error(&error),
+            }
         }
         self.base_is_known();
     }
@@ -150,8 +154,8 @@ impl Viewer {
         self.wants_lights = false;
         if !self.document.is_untouched() {
             self.give_up_recovered();
-        } else if let Some(rig) = self.recovered.take().filter(|rig| *rig != self.document.rig) {
-            self.document.recover(rig);
+        } else if let Some(rig) = self.recovered.take().filter(|rig| rig != self.document.animated()) {
+            self.document.recover(&rig);
             self.messages.warn("Edits that were never saved are here again; Edit, Undo drops them");
         }
     }

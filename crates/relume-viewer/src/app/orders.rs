@@ -4,11 +4,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use eframe::egui;
-use relume::LightRig;
 use relume::transfer::Report;
+use relume::{LightRig, Transfer};
 
 use super::Viewer;
 use crate::develop::{Negative, Recipe};
+use crate::document::alone;
 use crate::lighting::{Frame, Order};
 use crate::through;
 use crate::truth;
@@ -18,27 +19,26 @@ impl Viewer {
     /// Asks the workers for what is to be shown now.
     pub(super) fn order(&mut self, ctx: &egui::Context) {
         let Some(transfer) = &self.transfer else { return };
-        let emissive = self
-            .emissive
-            .iter()
-            .filter_map(|&number| transfer.report.materials.get(number as usize).cloned());
-        let mut rig = LightRig { exposure: 0.0, ..self.document.shown(emissive) };
-        let unknown = leave_out_unknown(&mut rig, &transfer.report);
+        let mut rig = shown(self.document.rig.clone(), self.document.solo.as_deref(), transfer);
+        rig.exposure = 0.0;
+        let unknown = unknown(&self.document.rig, &transfer.report);
         for name in unknown.into_iter().filter(|name| self.unknown.insert(name.clone())) {
             self.messages.warn(format!("the shot has no such material as `{name}`, or it does not shine: what the rig says of it is left out"));
         }
         let per_light = self.looks_at(|view| matches!(view, View::Light(_)));
         let albedo = self.looks_at(|view| *view == View::Albedo);
         let down = ctx.input(|input| input.pointer.any_down());
+        // what moves by itself is shown coarsely as well, so that it is not late
+        let moving = down || self.playing.is_some();
         let changed = match &self.ordered {
             None => true,
             Some(last) => {
                 let same = Arc::ptr_eq(&last.transfer, transfer) && last.rig == rig;
-                !same || last.per_light != per_light || last.albedo != albedo || (last.dragging && !down)
+                !same || last.per_light != per_light || last.albedo != albedo || (last.dragging && !moving)
             }
         };
         if let Some(shot) = &self.shot {
-            shot.rest(down && self.ordered.as_ref().is_some_and(|last| last.dragging));
+            shot.rest(moving && self.ordered.as_ref().is_some_and(|last| last.dragging));
         }
         if changed {
             let moved = self.ordered.as_ref().is_some_and(|last| last.rig != rig);
@@ -49,7 +49,7 @@ impl Viewer {
                 rig,
                 per_light,
                 albedo,
-                dragging: down && moved,
+                dragging: moving && moved,
                 asked,
                 recipe: self.recipe(),
             };
@@ -132,20 +132,30 @@ impl Viewer {
     }
 }
 
-/// Takes out of a rig what is of materials that the shot has not, or that do not shine there: no frame could be lit with it. Returns their names.
-fn leave_out_unknown(rig: &mut LightRig, report: &Report) -> Vec<String> {
-    let known = |name: &str| report.materials.iter().any(|known| known == name);
-    let shines = |name: &str| report.named_materials().any(|(known, shines)| shines && known == name);
-    let mut unknown = Vec::new();
-    rig.emitters.retain(|emitter| {
-        let keeps = shines(&emitter.material);
-        unknown.extend((!keeps).then(|| emitter.material.clone()));
-        keeps
-    });
-    rig.materials.retain(|edit| {
-        let keeps = known(&edit.name);
-        unknown.extend((!keeps).then(|| edit.name.clone()));
-        keeps
-    });
-    unknown
+/// A rig as a shot is to be lit by it: where a light shines alone, without the others and without what emits; and without what is of materials that the shot
+/// has not, or that do not shine there, as no frame could be lit with it.
+pub(super) fn shown(rig: LightRig, solo: Option<&str>, transfer: &Transfer) -> LightRig {
+    let report = &transfer.report;
+    let emissive = transfer.emissive_materials();
+    let emissive = emissive.into_iter().filter_map(|number| report.materials.get(number as usize)).cloned();
+    let mut rig = alone(rig, solo, emissive);
+    rig.emitters.retain(|emitter| shines(&emitter.material, report));
+    rig.materials.retain(|edit| is_known(&edit.name, report));
+    rig
+}
+
+/// Names of materials that the shot has not, or that do not shine there.
+fn unknown(rig: &LightRig, report: &Report) -> Vec<String> {
+    let emitters = rig.emitters.iter().map(|emitter| &emitter.material);
+    let edits = rig.materials.iter().map(|edit| &edit.name);
+    let dark = emitters.filter(|name| !shines(name, report));
+    dark.chain(edits.filter(|name| !is_known(name, report))).cloned().collect()
+}
+
+fn is_known(name: &str, report: &Report) -> bool {
+    report.materials.iter().any(|known| known == name)
+}
+
+fn shines(name: &str, report: &Report) -> bool {
+    report.named_materials().any(|(known, shines)| shines && known == name)
 }

@@ -5,14 +5,50 @@ use std::time::Duration;
 use eframe::egui::{self, Color32, ProgressBar, Ui};
 use relume::image::Layers;
 
+use crate::export::Export;
 use crate::lighting::Frame;
 use crate::messages::{Kind, Messages};
 use crate::shot::{Shot, Stage, Work};
 use crate::wording::{bytes, duration};
 
+/// Images that are being written.
+pub(crate) fn exports(ui: &mut Ui, exports: &[Export]) {
+    for export in exports {
+        let (written, of) = export.progress();
+        ui.horizontal(|ui| {
+            ui.spinner();
+            let left = export
+                .left()
+                .map_or(String::new(), |left| format!(", about {} left", duration(left.as_secs_f64())));
+            let what = if of == 1 {
+                "writing".to_owned()
+            } else {
+                format!("writing frame {} of {of}{left}", (written + 1).min(of))
+            };
+            ui.label(format!("{what}: {}", export.path().display()));
+            if of > 1
+                && ui.small_button("Stop").on_hover_text("End it; frames that are written stay").clicked()
+            {
+                export.stop();
+            }
+        });
+    }
+}
+
 /// Preparation, last frame, memory.
-pub(crate) fn status(ui: &mut Ui, shot: Option<&Shot>, lit: Option<&Frame>, latency: Option<Duration>) {
+pub(crate) fn status(
+    ui: &mut Ui,
+    shot: Option<&Shot>,
+    lit: Option<&Frame>,
+    latency: Option<Duration>,
+    reads: bool,
+) {
     ui.horizontal(|ui| {
+        if reads {
+            ui.spinner();
+            ui.label("reading a file");
+            ui.separator();
+        }
         match shot {
             Some(shot) => preparation(ui, shot),
             None => drop(ui.weak("Nothing is open: File, Open, or drop a scene here")),

@@ -126,7 +126,7 @@ fn closing_asks_for_unsaved_edits() {
     assert_eq!(load_rig(folder.path().join("arcade.toml")).unwrap(), *window.rig());
 }
 
-fn close(window: &mut Window) {
+pub(crate) fn close(window: &mut Window) {
     use eframe::egui::{ViewportEvent, ViewportId};
     let root = window.harness.input_mut().viewports.entry(ViewportId::ROOT).or_default();
     root.events.push(ViewportEvent::Close);
@@ -322,4 +322,49 @@ fn a_preparation_is_paused_and_ended_and_goes_on_the_next_time() {
     drop(window);
     let window = Window::open(folder.path());
     assert!(window.harness.state().is_prepared() && folder.path().join("arcade.relume").exists());
+}
+
+#[test]
+fn what_was_open_lately_is_opened_again() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    let other = folder.path().join("other.toml");
+    std::fs::copy(folder.path().join("arcade.toml"), &other).unwrap();
+    window.choose("File", "Save rig as");
+    window.answer(&folder.path().join("mine.toml"));
+    drop_file(&mut window, other.clone());
+    window.until("the other rig", |viewer| !viewer.is_reading());
+    window.click("sun");
+    window.key(Modifiers::NONE, Key::Delete);
+    window.key(Modifiers::COMMAND, Key::S);
+    let fewer = window.rig().lights.len();
+    window.click("File");
+    window.click("Open recent");
+    window.harness.get_by_label(&folder.path().join("mine.toml").display().to_string()).click();
+    window.until("my rig", |viewer| !viewer.is_reading() && viewer.rig().lights.len() > fewer);
+    assert_eq!(load_rig(folder.path().join("mine.toml")).unwrap(), *window.rig());
+    assert_eq!(load_rig(other).unwrap().lights.len(), fewer);
+}
+
+/// A rig is read beside the window: what is edited meanwhile is not lost to it. The pipe stands for a slow disk.
+#[cfg(unix)]
+#[test]
+fn a_rig_that_comes_late_asks_before_it_takes_the_place_of_edits() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    let late = folder.path().join("late.toml");
+    assert!(std::process::Command::new("mkfifo").arg(&late).status().unwrap().success());
+    let text = std::fs::read_to_string(folder.path().join("arcade.toml")).unwrap();
+    drop_file(&mut window, late.clone());
+    assert!(window.harness.state().is_reading() && window.is_said("reading a file"));
+    window.click("Enable sun");
+    window.settle();
+    let edited = window.rig().clone();
+    std::fs::write(&late, &text).unwrap();
+    window.until_said("Save the changes to arcade.toml?");
+    assert_eq!(*window.rig(), edited);
+    window.click("Discard");
+    std::fs::write(&late, text.replace("exposure = 0.0", "exposure = 1.0")).unwrap();
+    window.until("the rig", |viewer| viewer.rig().exposure == 1.0);
+    assert!(window.light("sun").enabled);
 }

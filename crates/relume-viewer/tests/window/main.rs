@@ -3,6 +3,7 @@
 
 mod edits;
 mod files;
+mod motion;
 mod pictures;
 mod snapshots;
 mod support;

@@ -68,6 +68,21 @@ fn the_window_looks_as_it_did() {
     window.harness.snapshot_options("help", &options());
 }
 
+#[test]
+fn the_line_of_frames_looks_as_it_did() {
+    if !can_draw() {
+        return;
+    }
+    let folder = folder();
+    let rig = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/rigs/arcade_animated.toml");
+    std::fs::copy(rig, folder.path().join("arcade.toml")).unwrap();
+    let mut window = open(folder.path());
+    window.click("Key after");
+    window.settle();
+    mask(&mut window);
+    window.harness.snapshot_options("frames", &options());
+}
+
 /// The same comparison fails where the picture is another one, however little of the window that is.
 #[test]
 fn a_picture_that_was_changed_is_noticed() {

@@ -224,10 +224,10 @@ impl AnimatedRig {
     }
 }
 
-/// Rigs that are the same at every frame, whatever else their files say.
+/// Rigs that are the same at every frame, whatever else their files say and wherever they lie.
 impl PartialEq for AnimatedRig {
     fn eq(&self, other: &Self) -> bool {
-        self.canonical == other.canonical && self.path == other.path && self.maps == other.maps
+        self.canonical == other.canonical && self.maps == other.maps
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use eframe::egui::{Color32, ColorImage};
 use rayon::prelude::*;
 use relume::glam::Vec3;
-use relume::image::display::{encode, srgb_from_linear};
+use relume::image::display::{byte_from_linear, encode_bytes};
 use relume::image::{Image, Tonemap};
 
 use crate::lighting::Frame;
@@ -105,21 +105,22 @@ impl Recipe {
             }
             _ => 0.0,
         };
-        let color = |pixel: Vec3| -> Vec3 {
+        let byte = |value: f32| (value * 255.0 + 0.5) as u8;
+        let bytes = |encoded: Vec3| encoded.to_array().map(byte);
+        let color = |pixel: Vec3| -> [u8; 3] {
             match scale {
-                Scale::Exposed => encode(pixel, self.exposure, self.curve),
-                Scale::Stops => color_of_stops(stops(pixel, self.exposure)),
-                Scale::Plain => pixel.clamp(Vec3::ZERO, Vec3::ONE).map(srgb_from_linear),
-                Scale::Signed if pixel == Vec3::ZERO => Vec3::ZERO,
-                Scale::Signed => 0.5 * (pixel + 1.0),
-                Scale::Distance => Vec3::splat(nearness(pixel.x, farthest)),
+                Scale::Exposed => encode_bytes(pixel, self.exposure, self.curve),
+                Scale::Stops => bytes(color_of_stops(stops(pixel, self.exposure))),
+                Scale::Plain => pixel.to_array().map(byte_from_linear),
+                Scale::Signed if pixel == Vec3::ZERO => [0; 3],
+                Scale::Signed => bytes(0.5 * (pixel + 1.0)),
+                Scale::Distance => bytes(Vec3::splat(nearness(pixel.x, farthest))),
             }
         };
-        let byte = |value: f32| (value * 255.0 + 0.5) as u8;
         let mut pixels = vec![Color32::BLACK; image.pixels.len()];
         pixels.par_chunks_mut(CHUNK).zip(image.pixels.par_chunks(CHUNK)).for_each(|(colors, pixels)| {
             for (to, &pixel) in colors.iter_mut().zip(pixels) {
-                let [r, g, b] = color(pixel).to_array().map(byte);
+                let [r, g, b] = color(pixel);
                 *to = Color32::from_rgb(r, g, b);
             }
         });
@@ -176,21 +177,57 @@ impl Histogram {
     const BINS: usize = 64;
 
     fn new(image: &Image, exposure: f32) -> Self {
-        let (low, high) = Self::RANGE;
         let scale = exposure.exp2();
-        let mut counts = [[0_u32; Self::BINS]; 3];
-        let mut clipped = 0_u32;
-        for pixel in &image.pixels {
-            let exposed = *pixel * scale;
-            clipped += u32::from(exposed.max_element() > 1.0);
-            for (counts, value) in counts.iter_mut().zip(exposed.to_array()) {
-                let place = (value.max(1e-9).log2() - low) / (high - low) * Self::BINS as f32;
-                counts[(place.max(0.0) as usize).min(Self::BINS - 1)] += 1;
-            }
-        }
+        let count = |pixels: &[Vec3]| {
+            let mut counts = Counts::default();
+            pixels.iter().for_each(|pixel| counts.add(*pixel * scale));
+            counts
+        };
+        let counts = image.pixels.par_chunks(CHUNK).map(count).reduce(Counts::default, Counts::plus);
         let all = image.pixels.len().max(1) as f32;
         let shares = |counts: [u32; Self::BINS]| counts.iter().map(|&count| count as f32 / all).collect();
-        Self { channels: counts.map(shares), clipped: clipped as f32 / all }
+        Self { channels: counts.bins.map(shares), clipped: counts.clipped as f32 / all }
+    }
+
+    /// The bin of a value: four times its log2, cut off, from its exponent and three comparisons.
+    fn bin(value: f32) -> usize {
+        /// A quarter of a stop above 1, two, and three.
+        const QUARTERS: [f32; 3] = [1.189_207_1, std::f32::consts::SQRT_2, 1.681_792_8];
+        let bits = value.max(1e-9).to_bits();
+        let mantissa = f32::from_bits((bits & 0x007f_ffff) | 1.0_f32.to_bits());
+        let quarter = QUARTERS.iter().filter(|&&quarter| mantissa >= quarter).count() as i32;
+        let exponent = (bits >> 23) as i32 - 127;
+        let place = 4 * (exponent - Self::RANGE.0 as i32) + quarter;
+        place.clamp(0, Self::BINS as i32 - 1) as usize
+    }
+}
+
+/// How many pixels are in each bin.
+struct Counts {
+    bins: [[u32; Histogram::BINS]; 3],
+    clipped: u32,
+}
+
+impl Default for Counts {
+    fn default() -> Self {
+        Self { bins: [[0; Histogram::BINS]; 3], clipped: 0 }
+    }
+}
+
+impl Counts {
+    fn add(&mut self, exposed: Vec3) {
+        self.clipped += u32::from(exposed.max_element() > 1.0);
+        for (bins, value) in self.bins.iter_mut().zip(exposed.to_array()) {
+            bins[Histogram::bin(value)] += 1;
+        }
+    }
+
+    fn plus(mut self, other: Self) -> Self {
+        for (bins, more) in self.bins.iter_mut().flatten().zip(other.bins.iter().flatten()) {
+            *bins += more;
+        }
+        self.clipped += other.clipped;
+        self
     }
 }
 
@@ -238,6 +275,17 @@ mod tests {
         let colors = print(&[1.0, 5.0, 10.0, f32::INFINITY], Scale::Distance, 0.0);
         assert!(colors.is_sorted_by(|a, b| a.r() > b.r()));
         assert_eq!(colors[3], Color32::BLACK);
+    }
+
+    #[test]
+    fn bins_are_quarters_of_a_stop() {
+        for step in -300..200 {
+            let stops = step as f32 / 16.0 + 0.03;
+            let expected = ((stops + 12.0) * 4.0).clamp(0.0, 63.0) as usize;
+            assert_eq!(Histogram::bin(stops.exp2()), expected, "{stops}");
+        }
+        assert_eq!([0.0, -1.0, f32::NAN].map(Histogram::bin), [0; 3]);
+        assert_eq!(Histogram::bin(f32::INFINITY), 63);
     }
 
     #[test]

@@ -1,6 +1,9 @@
 //! From scene-linear light to what a display is sent: exposure, tone curve, sRGB encoding.
 
+use std::sync::LazyLock;
+
 use glam::{Mat3, Vec3};
+use rayon::prelude::*;
 
 use super::Image;
 
@@ -20,10 +23,67 @@ pub enum Tonemap {
     Srgb,
 }
 
-/// 8-bit sRGB pixels of `image`, row by row: [`encode`], times 255, rounded to nearest.
+/// Pixels that one task encodes.
+const CHUNK: usize = 4096;
+
+/// 8-bit sRGB pixels of `image`, row by row: [`encode_bytes`] of each.
 pub fn display(image: &Image, exposure: f32, tonemap: Tonemap) -> Vec<[u8; 3]> {
-    let byte = |value: f32| (value * 255.0 + 0.5) as u8;
-    image.pixels.iter().map(|&color| encode(color, exposure, tonemap).to_array().map(byte)).collect()
+    let mut bytes = vec![[0; 3]; image.pixels.len()];
+    bytes.par_chunks_mut(CHUNK).zip(image.pixels.par_chunks(CHUNK)).for_each(|(bytes, pixels)| {
+        for (to, &pixel) in bytes.iter_mut().zip(pixels) {
+            *to = encode_bytes(pixel, exposure, tonemap);
+        }
+    });
+    bytes
+}
+
+/// [`encode`], times 255, rounded to nearest, without a power for each channel.
+pub fn encode_bytes(color: Vec3, exposure: f32, tonemap: Tonemap) -> [u8; 3] {
+    curve(color, exposure, tonemap).to_array().map(byte_from_linear)
+}
+
+/// [`srgb_from_linear`] of `0..=1`, times 255, rounded to nearest. What is outside is clipped, and NaN counts as 0.
+pub fn byte_from_linear(linear: f32) -> u8 {
+    let Steps { guess, first } = &*STEPS;
+    let bits = if linear > 0.0 { linear.min(1.0).to_bits() } else { 0 };
+    let byte = guess[(bits.saturating_sub(Steps::LEAST.to_bits()) >> Steps::SHIFT) as usize];
+    // a bucket has one step at most
+    byte + u8::from(first.get(usize::from(byte) + 1).is_some_and(|first| linear >= *first))
+}
+
+/// Where bytes step on from one to the next.
+struct Steps {
+    /// Of values from [`Self::LEAST`] to 1, in buckets of equal leading bits, the byte at the beginning of each.
+    guess: Vec<u8>,
+    /// The least value of each byte.
+    first: Vec<f32>,
+}
+
+static STEPS: LazyLock<Steps> = LazyLock::new(Steps::new);
+
+impl Steps {
+    /// Below the first step, which is at 0.00015.
+    const LEAST: f32 = 1.0 / 8192.0;
+    /// Leaves the exponent and eight bits of the mantissa: the widest bucket is a fifth of a byte.
+    const SHIFT: u32 = 15;
+
+    fn new() -> Self {
+        let byte = |bits: u32| (srgb_from_linear(f32::from_bits(bits)) * 255.0 + 0.5) as u8;
+        let one = 1.0_f32.to_bits();
+        let first = (0..=255).map(|wanted| {
+            // bits of positive numbers are in the order of the numbers
+            let (mut low, mut high) = (0, one);
+            while low < high {
+                let middle = low + (high - low) / 2;
+                if byte(middle) < wanted { low = middle + 1 } else { high = middle }
+            }
+            f32::from_bits(low)
+        });
+        let least = Self::LEAST.to_bits();
+        let buckets = 0..=(one - least) >> Self::SHIFT;
+        let guess = buckets.map(|bucket| byte(least + (bucket << Self::SHIFT)));
+        Self { guess: guess.collect(), first: first.collect() }
+    }
 }
 
 /// The sRGB-encoded display value, each channel in `0..=1`, of a scene-linear `color` at an exposure in
@@ -31,15 +91,20 @@ pub fn display(image: &Image, exposure: f32, tonemap: Tonemap) -> Vec<[u8; 3]> {
 ///
 /// Negative and NaN channels count as 0, infinite ones as very bright.
 pub fn encode(color: Vec3, exposure: f32, tonemap: Tonemap) -> Vec3 {
+    let linear = curve(color, exposure, tonemap);
+    Vec3::from_array(linear.to_array().map(|value| srgb_from_linear(value.clamp(0.0, 1.0))))
+}
+
+/// Linear display light, which may leave `0..=1`.
+fn curve(color: Vec3, exposure: f32, tonemap: Tonemap) -> Vec3 {
     // The bound keeps the curves below clear of infinity; all of them are at their end long before it.
     let exposed =
         (color * exposure.exp2()).to_array().map(|value| if value > 0.0 { value.min(1e9) } else { 0.0 });
-    let linear = match tonemap {
+    match tonemap {
         Tonemap::Neutral => neutral(exposed.into()),
         Tonemap::AgX => agx(exposed.into()),
         Tonemap::Srgb => exposed.into(),
-    };
-    Vec3::from_array(linear.to_array().map(|value| srgb_from_linear(value.clamp(0.0, 1.0))))
+    }
 }
 
 /// The Khronos PBR Neutral curve, from non-negative linear light to linear light in `0..=1`.
@@ -118,6 +183,32 @@ mod tests {
         for step in 0..=1000 {
             let linear = step as f32 / 1000.0;
             assert!((linear_from_srgb(srgb_from_linear(linear)) - linear).abs() < 1e-5, "at {linear}");
+        }
+    }
+
+    /// The table against the formula: everywhere, and on both sides of every step.
+    #[test]
+    fn bytes_are_those_of_the_formula() {
+        let formula = |linear: f32| (srgb_from_linear(linear.clamp(0.0, 1.0)) * 255.0 + 0.5) as u8;
+        for bits in (0..1.2_f32.to_bits()).step_by(1009) {
+            let linear = f32::from_bits(bits);
+            assert_eq!(byte_from_linear(linear), formula(linear), "at {linear}");
+        }
+        let steps: Vec<u32> = STEPS.first.iter().skip(1).map(|first| first.to_bits()).collect();
+        for (byte, step) in steps.iter().enumerate() {
+            assert_eq!(byte_from_linear(f32::from_bits(*step)) as usize, byte + 1);
+            assert_eq!(byte_from_linear(f32::from_bits(step - 1)) as usize, byte);
+        }
+        for (odd, byte) in [(-1.0, 0), (-0.0, 0), (f32::NAN, 0), (f32::INFINITY, 255), (1.0, 255)] {
+            assert_eq!(byte_from_linear(odd), byte, "{odd}");
+        }
+        // steps are in buckets of their own
+        let bucket = |bits: &u32| bits.saturating_sub(Steps::LEAST.to_bits()) >> Steps::SHIFT;
+        assert!(steps.windows(2).all(|pair| bucket(&pair[0]) < bucket(&pair[1])));
+        let color = Vec3::new(0.7, 0.02, 3.0);
+        for tonemap in ALL {
+            let encoded = encode(color, 0.5, tonemap).to_array().map(|value| (value * 255.0 + 0.5) as u8);
+            assert_eq!(encode_bytes(color, 0.5, tonemap), encoded);
         }
     }
 

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use eframe::egui::{Color32, ColorImage};
 use rayon::prelude::*;
 use relume::glam::Vec3;
-use relume::image::display::{byte_from_linear, encode_bytes};
+use relume::image::display::Encoder;
 use relume::image::{Image, Tonemap};
 
 use crate::lighting::Frame;
-use crate::view::{LightOf, Scale, Source, View};
+use crate::view::{Pixels, Scale, Source, View};
 use crate::worker::{Desk, Worker};
 
 /// Rec. 709.
@@ -74,20 +74,18 @@ pub(crate) fn start(wake: impl Fn() + Send + Sync + 'static) -> std::io::Result<
 impl Recipe {
     /// Develops a frame.
     pub(crate) fn print(&self, frame: &Arc<Frame>) -> Print {
-        // what is not there is black, and its name says so
-        let none = || {
-            let (width, height) = (frame.layers.direct.width, frame.layers.direct.height);
-            Source { light: LightOf::Image(Image::new(width, height).into()), scale: Scale::Plain }
+        let size = [frame.layers.direct.width, frame.layers.direct.height];
+        let developed = |view: &View| {
+            let source = self.source(view, frame);
+            let pixels = source.as_ref().and_then(|source| Some((source.light.pixels()?, source.scale)));
+            // what is not there is black, and its name says so
+            let (pixels, scale) = pixels
+                .unwrap_or_else(|| (Pixels::One(vec![Vec3::ZERO; size[0] * size[1]].into()), Scale::Plain));
+            self.develop(&pixels, size, scale)
         };
-        let left = self.source(&self.left, frame).unwrap_or_else(none);
-        let right = self.right.as_ref().map(|right| self.source(right, frame).unwrap_or_else(none));
-        let image = left.light.image();
-        let exposure = if matches!(left.scale, Scale::Exposed | Scale::Stops) { self.exposure } else { 0.0 };
-        Print {
-            left: self.colors(&image, left.scale).into(),
-            right: right.map(|right| self.colors(&right.light.image(), right.scale).into()),
-            histogram: Histogram::new(&image, exposure),
-        }
+        let (left, histogram) = developed(&self.left);
+        let right = self.right.as_ref().map(|right| Arc::new(developed(right).0));
+        Print { left: left.into(), right, histogram }
     }
 
     fn source(&self, view: &View, frame: &Arc<Frame>) -> Option<Source> {
@@ -98,33 +96,44 @@ impl Recipe {
         view.source(frame, self.truth.as_ref(), stored)
     }
 
-    fn colors(&self, image: &Image, scale: Scale) -> ColorImage {
+    /// What a display is sent of `pixels`, and how many are how bright.
+    fn develop(&self, pixels: &Pixels<'_>, size: [usize; 2], scale: Scale) -> (ColorImage, Histogram) {
+        let all = size[0] * size[1];
         let farthest = match scale {
             Scale::Distance => {
-                image.pixels.iter().map(|depth| depth.x).filter(|depth| depth.is_finite()).fold(0.0, f32::max)
+                let depths = (0..all).map(|index| pixels.at(index).x);
+                depths.filter(|depth| depth.is_finite()).fold(0.0, f32::max)
             }
             _ => 0.0,
         };
+        let encoder = Encoder::new(self.exposure, self.curve);
         let byte = |value: f32| (value * 255.0 + 0.5) as u8;
         let bytes = |encoded: Vec3| encoded.to_array().map(byte);
         let color = |pixel: Vec3| -> [u8; 3] {
             match scale {
-                Scale::Exposed => encode_bytes(pixel, self.exposure, self.curve),
+                Scale::Exposed => encoder.bytes(pixel),
                 Scale::Stops => bytes(color_of_stops(stops(pixel, self.exposure))),
-                Scale::Plain => pixel.to_array().map(byte_from_linear),
+                Scale::Plain => pixel.to_array().map(|linear| encoder.byte(linear)),
                 Scale::Signed if pixel == Vec3::ZERO => [0; 3],
                 Scale::Signed => bytes(0.5 * (pixel + 1.0)),
                 Scale::Distance => bytes(Vec3::splat(nearness(pixel.x, farthest))),
             }
         };
-        let mut pixels = vec![Color32::BLACK; image.pixels.len()];
-        pixels.par_chunks_mut(CHUNK).zip(image.pixels.par_chunks(CHUNK)).for_each(|(colors, pixels)| {
-            for (to, &pixel) in colors.iter_mut().zip(pixels) {
+        let exposure = if matches!(scale, Scale::Exposed | Scale::Stops) { self.exposure } else { 0.0 };
+        let gain = exposure.exp2();
+        let mut colors = vec![Color32::BLACK; all];
+        let counts = colors.par_chunks_mut(CHUNK).enumerate().map(|(chunk, colors)| {
+            let mut counts = Counts::default();
+            for (place, to) in colors.iter_mut().enumerate() {
+                let pixel = pixels.at(chunk * CHUNK + place);
+                counts.add(pixel * gain);
                 let [r, g, b] = color(pixel);
                 *to = Color32::from_rgb(r, g, b);
             }
+            counts
         });
-        ColorImage::new([image.width, image.height], pixels)
+        let counts = counts.reduce(Counts::default, Counts::plus);
+        (ColorImage::new(size, colors), Histogram::new(&counts, all))
     }
 }
 
@@ -176,17 +185,9 @@ impl Histogram {
     pub(crate) const RANGE: (f32, f32) = (-12.0, 4.0);
     const BINS: usize = 64;
 
-    fn new(image: &Image, exposure: f32) -> Self {
-        let scale = exposure.exp2();
-        let count = |pixels: &[Vec3]| {
-            let mut counts = Counts::default();
-            pixels.iter().for_each(|pixel| counts.add(*pixel * scale));
-            counts
-        };
-        let counts = image.pixels.par_chunks(CHUNK).map(count).reduce(Counts::default, Counts::plus);
-        let all = image.pixels.len().max(1) as f32;
-        let shares = |counts: [u32; Self::BINS]| counts.iter().map(|&count| count as f32 / all).collect();
-        Self { channels: counts.bins.map(shares), clipped: counts.clipped as f32 / all }
+    fn new(counts: &Counts, pixels: usize) -> Self {
+        let share = |count: u32| count as f32 / pixels.max(1) as f32;
+        Self { channels: counts.bins.map(|bins| bins.map(share).to_vec()), clipped: share(counts.clipped) }
     }
 
     /// The bin of a value: four times its log2, cut off, from its exponent and three comparisons.
@@ -235,21 +236,19 @@ impl Counts {
 mod tests {
     use super::*;
 
-    fn image(values: &[f32]) -> Image {
-        Image {
-            width: values.len(),
-            height: 1,
-            pixels: values.iter().map(|&value| Vec3::splat(value)).collect(),
-        }
-    }
-
     fn recipe(exposure: f32) -> Recipe {
         let (left, curve) = (View::Full, Tonemap::Srgb);
         Recipe { left, right: None, exposure, curve, truth: None, snapshots: Vec::new() }
     }
 
+    fn developed(values: &[f32], scale: Scale, exposure: f32) -> (Vec<Color32>, Histogram) {
+        let pixels = Pixels::One(values.iter().map(|&value| Vec3::splat(value)).collect());
+        let (image, histogram) = recipe(exposure).develop(&pixels, [values.len(), 1], scale);
+        (image.pixels, histogram)
+    }
+
     fn print(values: &[f32], scale: Scale, exposure: f32) -> Vec<Color32> {
-        recipe(exposure).colors(&image(values), scale).pixels
+        developed(values, scale, exposure).0
     }
 
     #[test]
@@ -290,13 +289,13 @@ mod tests {
 
     #[test]
     fn histograms_count_all_pixels_once() {
-        let histogram = Histogram::new(&image(&[0.0, 0.5, 0.5, 2.0]), 0.0);
+        let (_, histogram) = developed(&[0.0, 0.5, 0.5, 2.0], Scale::Exposed, 0.0);
         for channel in &histogram.channels {
             assert!((channel.iter().sum::<f32>() - 1.0).abs() < 1e-6);
             assert_eq!(channel[0], 0.25);
             assert!(channel.contains(&0.5));
         }
         assert_eq!(histogram.clipped, 0.25);
-        assert_eq!(Histogram::new(&image(&[0.6]), 1.0).clipped, 1.0);
+        assert_eq!(developed(&[0.6], Scale::Exposed, 1.0).1.clipped, 1.0);
     }
 }

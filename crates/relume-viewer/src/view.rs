@@ -1,5 +1,6 @@
 //! What of the light is shown.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use relume::glam::Vec3;
@@ -142,26 +143,35 @@ impl View {
 }
 
 impl LightOf {
-    /// The image itself; black of a light that is off. A frame without albedo has none yet: black.
-    pub(crate) fn image(&self) -> Image {
-        let black = |frame: &Frame| Image::new(frame.layers.direct.width, frame.layers.direct.height);
-        match self {
-            Self::Full(frame) => frame.layers.full(),
-            Self::Direct(frame) => frame.layers.direct.clone(),
-            Self::Indirect(frame) => frame.layers.indirect.clone(),
+    /// Its pixels, row by row; `None` for black: of a light that is off, and of a frame that has no albedo yet.
+    pub(crate) fn pixels(&self) -> Option<Pixels<'_>> {
+        Some(match self {
+            Self::Full(frame) => Pixels::Sum(&frame.layers.direct.pixels, &frame.layers.indirect.pixels),
+            Self::Direct(frame) => Pixels::One(Cow::Borrowed(&frame.layers.direct.pixels)),
+            Self::Indirect(frame) => Pixels::One(Cow::Borrowed(&frame.layers.indirect.pixels)),
             Self::Light(frame, name) => {
-                let light = frame.layers.per_light.iter().find(|light| light.name == *name);
-                light.map_or_else(|| black(frame), |light| sum(&light.direct, &light.indirect))
+                let light = frame.layers.per_light.iter().find(|light| light.name == *name)?;
+                Pixels::Sum(&light.direct.pixels, &light.indirect.pixels)
             }
-            Self::Albedo(frame) => frame.albedo.clone().unwrap_or_else(|| black(frame)),
-            Self::Normals(frame) => frame.transfer.view.normals(),
-            Self::Depth(frame) => frame.transfer.view.depths(),
-            Self::Image(image) => Image::clone(image),
-        }
+            Self::Albedo(frame) => Pixels::One(Cow::Borrowed(&frame.albedo.as_ref()?.pixels)),
+            Self::Normals(frame) => Pixels::One(Cow::Owned(frame.transfer.view.normals().pixels)),
+            Self::Depth(frame) => Pixels::One(Cow::Owned(frame.transfer.view.depths().pixels)),
+            Self::Image(image) => Pixels::One(Cow::Borrowed(&image.pixels)),
+        })
     }
 }
 
-fn sum(a: &Image, b: &Image) -> Image {
-    let pixels = a.pixels.iter().zip(&b.pixels).map(|(a, b)| *a + *b).collect::<Vec<Vec3>>();
-    Image { pixels, ..*a }
+/// Pixels as they are stored, or the sum of two layers.
+pub(crate) enum Pixels<'a> {
+    One(Cow<'a, [Vec3]>),
+    Sum(&'a [Vec3], &'a [Vec3]),
+}
+
+impl Pixels<'_> {
+    pub(crate) fn at(&self, index: usize) -> Vec3 {
+        match self {
+            Self::One(pixels) => pixels[index],
+            Self::Sum(a, b) => a[index] + b[index],
+        }
+    }
 }

@@ -26,37 +26,55 @@ pub enum Tonemap {
 /// Pixels that one task encodes.
 const CHUNK: usize = 4096;
 
-/// 8-bit sRGB pixels of `image`, row by row: [`encode_bytes`] of each.
+/// 8-bit sRGB pixels of `image`, row by row: [`Encoder::bytes`] of each.
 pub fn display(image: &Image, exposure: f32, tonemap: Tonemap) -> Vec<[u8; 3]> {
+    let encoder = Encoder::new(exposure, tonemap);
     let mut bytes = vec![[0; 3]; image.pixels.len()];
     bytes.par_chunks_mut(CHUNK).zip(image.pixels.par_chunks(CHUNK)).for_each(|(bytes, pixels)| {
         for (to, &pixel) in bytes.iter_mut().zip(pixels) {
-            *to = encode_bytes(pixel, exposure, tonemap);
+            *to = encoder.bytes(pixel);
         }
     });
     bytes
 }
 
-/// [`encode`], times 255, rounded to nearest, without a power for each channel.
-pub fn encode_bytes(color: Vec3, exposure: f32, tonemap: Tonemap) -> [u8; 3] {
-    curve(color, exposure, tonemap).to_array().map(byte_from_linear)
+/// [`encode`] for many colours: to bytes, by tables.
+#[derive(Clone, Copy)]
+pub struct Encoder {
+    gain: f32,
+    tonemap: Tonemap,
+    steps: &'static Steps,
 }
 
-/// [`srgb_from_linear`] of `0..=1`, times 255, rounded to nearest. What is outside is clipped, and NaN counts as 0.
-pub fn byte_from_linear(linear: f32) -> u8 {
-    let Steps { guess, first } = &*STEPS;
-    let bits = if linear > 0.0 { linear.min(1.0).to_bits() } else { 0 };
-    let byte = guess[(bits.saturating_sub(Steps::LEAST.to_bits()) >> Steps::SHIFT) as usize];
-    // a bucket has one step at most
-    byte + u8::from(first.get(usize::from(byte) + 1).is_some_and(|first| linear >= *first))
+impl Encoder {
+    /// At an exposure in stops.
+    pub fn new(exposure: f32, tonemap: Tonemap) -> Self {
+        Self { gain: exposure.exp2(), tonemap, steps: &STEPS }
+    }
+
+    /// [`encode`], times 255, rounded to nearest, without a power for each channel.
+    #[inline]
+    pub fn bytes(&self, color: Vec3) -> [u8; 3] {
+        curve(color * self.gain, self.tonemap).to_array().map(|linear| self.byte(linear))
+    }
+
+    /// [`srgb_from_linear`] of `0..=1`, times 255, rounded to nearest. What is outside is clipped, and NaN counts as 0.
+    #[inline]
+    pub fn byte(&self, linear: f32) -> u8 {
+        let bits = if linear > 0.0 { linear.min(1.0).to_bits() } else { 0 };
+        let bucket = bits.saturating_sub(Steps::LEAST.to_bits()) >> Steps::SHIFT;
+        let byte = self.steps.guess[bucket as usize % Steps::BUCKETS];
+        // a bucket has one step at most
+        byte + u8::from(linear >= self.steps.first[usize::from(byte) + 1])
+    }
 }
 
 /// Where bytes step on from one to the next.
 struct Steps {
     /// Of values from [`Self::LEAST`] to 1, in buckets of equal leading bits, the byte at the beginning of each.
-    guess: Vec<u8>,
-    /// The least value of each byte.
-    first: Vec<f32>,
+    guess: [u8; Self::BUCKETS],
+    /// The least value of each byte, and after the last one NaN, which nothing reaches.
+    first: [f32; 257],
 }
 
 static STEPS: LazyLock<Steps> = LazyLock::new(Steps::new);
@@ -66,23 +84,27 @@ impl Steps {
     const LEAST: f32 = 1.0 / 8192.0;
     /// Leaves the exponent and eight bits of the mantissa: the widest bucket is a fifth of a byte.
     const SHIFT: u32 = 15;
+    /// A power of two, of which those up to 1 are used.
+    const BUCKETS: usize = 4096;
 
     fn new() -> Self {
-        let byte = |bits: u32| (srgb_from_linear(f32::from_bits(bits)) * 255.0 + 0.5) as u8;
-        let one = 1.0_f32.to_bits();
-        let first = (0..=255).map(|wanted| {
+        let byte = |bits: u32| (srgb_from_linear(f32::from_bits(bits).min(1.0)) * 255.0 + 0.5) as u8;
+        let mut first = [f32::NAN; 257];
+        for (wanted, first) in (0..=255).zip(&mut first) {
             // bits of positive numbers are in the order of the numbers
-            let (mut low, mut high) = (0, one);
+            let (mut low, mut high) = (0, 1.0_f32.to_bits());
             while low < high {
                 let middle = low + (high - low) / 2;
                 if byte(middle) < wanted { low = middle + 1 } else { high = middle }
             }
-            f32::from_bits(low)
-        });
+            *first = f32::from_bits(low);
+        }
         let least = Self::LEAST.to_bits();
-        let buckets = 0..=(one - least) >> Self::SHIFT;
-        let guess = buckets.map(|bucket| byte(least + (bucket << Self::SHIFT)));
-        Self { guess: guess.collect(), first: first.collect() }
+        let mut guess = [0; Self::BUCKETS];
+        for (bucket, guess) in (0..).zip(&mut guess) {
+            *guess = byte(least + (bucket << Self::SHIFT));
+        }
+        Self { guess, first }
     }
 }
 
@@ -91,15 +113,14 @@ impl Steps {
 ///
 /// Negative and NaN channels count as 0, infinite ones as very bright.
 pub fn encode(color: Vec3, exposure: f32, tonemap: Tonemap) -> Vec3 {
-    let linear = curve(color, exposure, tonemap);
+    let linear = curve(color * exposure.exp2(), tonemap);
     Vec3::from_array(linear.to_array().map(|value| srgb_from_linear(value.clamp(0.0, 1.0))))
 }
 
-/// Linear display light, which may leave `0..=1`.
-fn curve(color: Vec3, exposure: f32, tonemap: Tonemap) -> Vec3 {
+/// Exposed light as linear display light, which may leave `0..=1`.
+fn curve(exposed: Vec3, tonemap: Tonemap) -> Vec3 {
     // The bound keeps the curves below clear of infinity; all of them are at their end long before it.
-    let exposed =
-        (color * exposure.exp2()).to_array().map(|value| if value > 0.0 { value.min(1e9) } else { 0.0 });
+    let exposed = exposed.to_array().map(|value| if value > 0.0 { value.min(1e9) } else { 0.0 });
     match tonemap {
         Tonemap::Neutral => neutral(exposed.into()),
         Tonemap::AgX => agx(exposed.into()),
@@ -190,17 +211,18 @@ mod tests {
     #[test]
     fn bytes_are_those_of_the_formula() {
         let formula = |linear: f32| (srgb_from_linear(linear.clamp(0.0, 1.0)) * 255.0 + 0.5) as u8;
+        let encoder = Encoder::new(0.5, Tonemap::Srgb);
         for bits in (0..1.2_f32.to_bits()).step_by(1009) {
             let linear = f32::from_bits(bits);
-            assert_eq!(byte_from_linear(linear), formula(linear), "at {linear}");
+            assert_eq!(encoder.byte(linear), formula(linear), "at {linear}");
         }
-        let steps: Vec<u32> = STEPS.first.iter().skip(1).map(|first| first.to_bits()).collect();
+        let steps: Vec<u32> = STEPS.first[1..256].iter().map(|first| first.to_bits()).collect();
         for (byte, step) in steps.iter().enumerate() {
-            assert_eq!(byte_from_linear(f32::from_bits(*step)) as usize, byte + 1);
-            assert_eq!(byte_from_linear(f32::from_bits(step - 1)) as usize, byte);
+            assert_eq!(usize::from(encoder.byte(f32::from_bits(*step))), byte + 1);
+            assert_eq!(usize::from(encoder.byte(f32::from_bits(step - 1))), byte);
         }
         for (odd, byte) in [(-1.0, 0), (-0.0, 0), (f32::NAN, 0), (f32::INFINITY, 255), (1.0, 255)] {
-            assert_eq!(byte_from_linear(odd), byte, "{odd}");
+            assert_eq!(encoder.byte(odd), byte, "{odd}");
         }
         // steps are in buckets of their own
         let bucket = |bits: &u32| bits.saturating_sub(Steps::LEAST.to_bits()) >> Steps::SHIFT;
@@ -208,7 +230,7 @@ mod tests {
         let color = Vec3::new(0.7, 0.02, 3.0);
         for tonemap in ALL {
             let encoded = encode(color, 0.5, tonemap).to_array().map(|value| (value * 255.0 + 0.5) as u8);
-            assert_eq!(encode_bytes(color, 0.5, tonemap), encoded);
+            assert_eq!(Encoder::new(0.5, tonemap).bytes(color), encoded);
         }
     }
 

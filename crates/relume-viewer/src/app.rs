@@ -85,6 +85,9 @@ pub struct Viewer {
     /// Files that are being read, and how many.
     read: (Sender<Read>, Receiver<Read>),
     reading: usize,
+    /// Rigs that were asked for, and rigs that have been there.
+    asked: u64,
+    documents: u64,
     /// Images that are being written.
     exports: Vec<Export>,
     /// Whether the worker that relights has failed.
@@ -105,8 +108,10 @@ pub struct Viewer {
     wants_lights: bool,
     autosave: Option<Autosave>,
     edited: Option<Instant>,
+    /// The revision of the document that was looked at last.
+    revision: u64,
     renaming: Renaming,
-    playing: Playing,
+    playing: Option<Playing>,
 
     lighting: Lighting,
     ordered: Option<Order>,
@@ -157,8 +162,10 @@ pub enum Pane {
 enum Read {
     /// A rig.
     Rig(PathBuf, Result<Box<OpenedRig>>),
-    /// A map for a dome.
-    Map(Result<EnvironmentMap>),
+    /// A map, by its whole path, for the dome of that name, or for one that is to be added.
+    Map { map: Result<EnvironmentMap>, dome: Option<String>, document: u64 },
+    /// Nothing, of a file by which the reader has failed.
+    Failed(PathBuf),
 }
 
 /// A rig that was read.
@@ -166,6 +173,8 @@ struct OpenedRig {
     document: Document,
     /// What may be lost for it.
     given_up: AnimatedRig,
+    /// Of all rigs that were asked for, the how manieth it is.
+    number: u64,
 }
 
 /// What waits for unsaved edits, or for files.
@@ -209,6 +218,8 @@ impl Viewer {
             unknown: BTreeSet::new(),
             read: channel(),
             reading: 0,
+            asked: 0,
+            documents: 0,
             exports: Vec::new(),
             is_dark: false,
             theme: preferences.theme,
@@ -223,6 +234,7 @@ impl Viewer {
             document,
             autosave: None,
             edited: None,
+            revision: 0,
             renaming: None,
             playing: None,
             lighting: lighting::start(wake()).map_err(threads)?,
@@ -325,7 +337,10 @@ impl Viewer {
         if typed {
             ctx.request_repaint_after(rests);
         }
-        if !typed && !ctx.input(|input| input.pointer.any_down()) && self.document.note() {
+        if !typed && !ctx.input(|input| input.pointer.any_down()) {
+            self.document.note();
+        }
+        if std::mem::replace(&mut self.revision, self.document.revision()) != self.document.revision() {
             self.edited = Some(Instant::now());
         }
         if let Some(fault) = self.document.fault() {
@@ -345,6 +360,21 @@ impl Viewer {
             autosave.forget();
         } else if let Err(error) = autosave.keep(&self.document.whole()) {
             self.messages.error(&error);
+        }
+    }
+
+    /// Whether there is anything that a command could be done to.
+    fn can(&self, command: Command) -> bool {
+        match command {
+            Command::ExportImage => self.lit.is_some(),
+            Command::ExportSequence => self.lit.is_some() && self.document.frames().is_some(),
+            Command::Undo => self.document.undoes().is_some() || self.document.is_changed(),
+            Command::Redo => self.document.redoes().is_some(),
+            Command::Duplicate | Command::Delete | Command::Key | Command::Tool(_) | Command::LookThrough => {
+                self.document.selected.is_some()
+            }
+            Command::Play | Command::FrameBefore | Command::FrameAfter => self.document.frames().is_some(),
+            _ => true,
         }
     }
 
@@ -373,7 +403,8 @@ impl Viewer {
             }
             Command::ExportSequence => {
                 let name = self.document.name();
-                let stem = Path::new(&name).file_stem().unwrap_or_default().to_string_lossy();
+                let stem =
+                    Path::new(&name).file_stem().unwrap_or_default().to_string_lossy().replace('#', "_");
                 ask(self, Purpose::ExportSequence, folder().join(format!("{stem}.####.exr")));
             }
             Command::Close => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
@@ -396,15 +427,12 @@ impl Viewer {
             Command::Snapshot => self.store_snapshot(),
             Command::Help => self.shows_help = !self.shows_help,
         }
-        if matches!(command, Command::Undo | Command::Redo | Command::Key) {
-            self.edited = Some(Instant::now());
-        }
     }
 
     fn play_or_pause(&mut self) {
         self.playing = match self.playing {
             Some(_) => None,
-            None => Some((Instant::now(), self.document.frame())),
+            None => Some(Playing::from(self.document.frame())),
         };
     }
 

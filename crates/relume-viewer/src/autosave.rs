@@ -25,13 +25,13 @@ impl Autosave {
         Self { file: folder.join(format!("{name}-{:016x}.toml", hash.finish())), of }
     }
 
-    /// What was kept and never saved, if it can be read.
+    /// What was kept and never saved, if it can be read; maps that `known` has are not read again.
     ///
     /// # Errors
-    /// As [`AnimatedRig::parse`], for a file that was damaged.
-    pub(crate) fn recovered(&self) -> Result<Option<AnimatedRig>> {
+    /// As [`AnimatedRig::parse_beside`], for a file that was damaged.
+    pub(crate) fn recovered(&self, known: &AnimatedRig) -> Result<Option<AnimatedRig>> {
         match std::fs::read_to_string(&self.file) {
-            Ok(text) => AnimatedRig::parse(text, &self.of).map(Some),
+            Ok(text) => AnimatedRig::parse_beside(text, &self.of, known).map(Some),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(Error::io(&self.file, "read", error)),
         }
@@ -78,21 +78,22 @@ mod tests {
     fn what_was_kept_is_found_again() {
         let folder = tempfile::tempdir().unwrap();
         let state = folder.path().join("state/of/relume");
+        let none = AnimatedRig::still(&LightRig::default(), "night.toml").unwrap();
         let autosave = Autosave::new(&state, &folder.path().join("night.toml"));
-        assert_eq!(autosave.recovered().unwrap(), None);
+        assert_eq!(autosave.recovered(&none).unwrap(), None);
         let rig = LightRig { exposure: 1.25, ..LightRig::default() };
         let rig = AnimatedRig::still(&rig, "night.toml").unwrap();
         autosave.keep(&rig).unwrap();
-        assert_eq!(autosave.recovered().unwrap(), Some(rig));
+        assert_eq!(autosave.recovered(&none).unwrap(), Some(rig));
         let other = Autosave::new(&state, &folder.path().join("day/night.toml"));
-        assert_eq!(other.recovered().unwrap(), None, "rigs of one name are told apart");
+        assert_eq!(other.recovered(&none).unwrap(), None, "rigs of one name are told apart");
         autosave.forget();
-        assert_eq!(autosave.recovered().unwrap(), None);
+        assert_eq!(autosave.recovered(&none).unwrap(), None);
         autosave.forget();
         std::fs::write(&autosave.file, "exposure = \n").unwrap();
-        assert!(autosave.recovered().is_err());
+        assert!(autosave.recovered(&none).is_err());
         let aside = autosave.set_aside();
         assert_eq!(std::fs::read_to_string(aside).unwrap(), "exposure = \n");
-        assert_eq!(autosave.recovered().unwrap(), None);
+        assert_eq!(autosave.recovered(&none).unwrap(), None);
     }
 }

@@ -75,6 +75,14 @@ impl Command {
         Self::keys().find(|(command, _)| *command == self).map(|(_, key)| key)
     }
 
+    /// Whether it goes to another frame, or makes keys at this one.
+    pub(crate) fn is_of_time(self) -> bool {
+        matches!(
+            self,
+            Self::Key | Self::Play | Self::FrameBefore | Self::FrameAfter | Self::Undo | Self::Redo
+        )
+    }
+
     /// Its name in menus.
     pub(crate) fn name(self) -> &'static str {
         match self {

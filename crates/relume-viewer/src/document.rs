@@ -196,6 +196,11 @@ impl Document {
         }
     }
 
+    /// A number that is another one whenever something was noted, undone or done again.
+    pub(crate) fn revision(&self) -> u64 {
+        self.history.revision()
+    }
+
     /// Why an edit was taken back, once.
     pub(crate) fn fault(&mut self) -> Option<Error> {
         self.fault.take()
@@ -295,13 +300,19 @@ impl Document {
         self.selected = Some(self.rig.lights.len() - 1);
     }
 
-    /// Adds a copy of the selected light behind it, and selects that.
+    /// Adds a copy of the selected light behind it, which moves as it does, and selects that.
     pub(crate) fn duplicate(&mut self) {
+        self.note();
         let Some(index) = self.selected else { return };
         let Some(light) = self.rig.lights.get(index) else { return };
-        let copy = Light { name: self.free_name(&light.name), ..light.clone() };
-        self.rig.lights.insert(index + 1, copy);
-        self.selected = Some(index + 1);
+        let (name, copy) = (light.name.clone(), self.free_name(&light.name));
+        match self.history.now().duplicated(&name, &copy) {
+            Ok(rig) => {
+                self.step(rig, format!("add {copy}"));
+                self.selected = Some(index + 1);
+            }
+            Err(error) => self.fault = Some(error),
+        }
     }
 
     /// Deletes the selected light, and selects the next one.

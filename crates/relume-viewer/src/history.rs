@@ -4,6 +4,8 @@ use relume_io::AnimatedRig;
 
 /// Steps that are kept.
 const LONGEST: usize = 500;
+/// Characters of rigs that are kept: a rig in memory is some ten times its text.
+const LARGEST: usize = 16 << 20;
 
 /// What the rig was, step by step.
 #[derive(Debug)]
@@ -12,6 +14,8 @@ pub(crate) struct History {
     now: AnimatedRig,
     undo: Vec<Step>,
     redo: Vec<Step>,
+    /// How often the rig has become another one.
+    revision: u64,
 }
 
 /// A rig to go back, or forward, to.
@@ -24,7 +28,7 @@ struct Step {
 
 impl History {
     pub(crate) fn new(rig: AnimatedRig) -> Self {
-        Self { now: rig, undo: Vec::new(), redo: Vec::new() }
+        Self { now: rig, undo: Vec::new(), redo: Vec::new(), revision: 0 }
     }
 
     pub(crate) fn now(&self) -> &AnimatedRig {
@@ -38,11 +42,21 @@ impl History {
         }
         let before = std::mem::replace(&mut self.now, rig);
         self.undo.push(Step { name, rig: before });
-        if self.undo.len() > LONGEST {
-            self.undo.remove(0);
-        }
         self.redo.clear();
+        self.revision += 1;
+        let mut size = 0;
+        let kept = self.undo.iter().rev().take(LONGEST).take_while(|step| {
+            size += step.rig.to_toml().len();
+            size <= LARGEST
+        });
+        let forgotten = self.undo.len() - kept.count().max(1);
+        self.undo.drain(..forgotten);
         true
+    }
+
+    /// A number that is another one whenever the rig is.
+    pub(crate) fn revision(&self) -> u64 {
+        self.revision
     }
 
     /// Changes the rig at every step.
@@ -65,6 +79,7 @@ impl History {
     pub(crate) fn undo(&mut self) -> bool {
         let step = self.undo.pop();
         let (now, redo) = (&mut self.now, &mut self.redo);
+        self.revision += u64::from(step.is_some());
         let back = step.map(|Step { name, rig }| redo.push(Step { name, rig: std::mem::replace(now, rig) }));
         back.is_some()
     }
@@ -73,6 +88,7 @@ impl History {
     pub(crate) fn redo(&mut self) -> bool {
         let step = self.redo.pop();
         let (now, undo) = (&mut self.now, &mut self.undo);
+        self.revision += u64::from(step.is_some());
         let on = step.map(|Step { name, rig }| undo.push(Step { name, rig: std::mem::replace(now, rig) }));
         on.is_some()
     }
@@ -81,7 +97,8 @@ impl History {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use relume::LightRig;
+    use relume::glam::Vec3;
+    use relume::{Light, LightRig};
 
     fn rig(exposure: f32) -> AnimatedRig {
         AnimatedRig::still(&LightRig { exposure, ..LightRig::default() }, "rig.toml").unwrap()
@@ -114,7 +131,19 @@ mod tests {
         for step in 1..=LONGEST + 10 {
             note(&mut history, step as f32);
         }
-        let steps = std::iter::from_fn(|| history.undo().then_some(())).count();
-        assert_eq!(steps, LONGEST);
+        let steps = |history: &mut History| std::iter::from_fn(|| history.undo().then_some(())).count();
+        assert_eq!(steps(&mut history), LONGEST);
+        // and of large ones, all but those that memory is there for
+        let kind = relume::LightKind::Omni { position: Vec3::ONE, intensity: Vec3::ONE, radius: 0.0 };
+        let light = |number| Light { name: format!("light {number}"), enabled: true, kind: kind.clone() };
+        let large = LightRig { lights: (0..10_000).map(light).collect(), ..LightRig::default() };
+        let large =
+            |exposure| AnimatedRig::still(&LightRig { exposure, ..large.clone() }, "rig.toml").unwrap();
+        let size = large(0.0).to_toml().len();
+        assert!(size > LARGEST / 20, "{size}");
+        for step in 0..25 {
+            history.note(large(step as f32), "more light".to_owned());
+        }
+        assert!((5..20).contains(&steps(&mut history)));
     }
 }

@@ -1,5 +1,6 @@
 //! Files: shots, rigs, maps, images.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -7,7 +8,7 @@ use eframe::egui;
 use relume::glam::Vec3;
 use relume::scene::EnvironmentMap;
 use relume::{Error, LightKind, LightRig, Transfer};
-use relume_io::read_environment;
+use relume_io::{FrameNames, read_environment};
 
 use super::orders::shown;
 use super::{OpenedRig, Pending, Read, Viewer};
@@ -69,7 +70,7 @@ impl Viewer {
             }
             return;
         }
-        match autosave.recovered() {
+        match autosave.recovered(self.document.animated()) {
             Ok(Some(rig)) => {
                 self.recovered = Some(rig);
                 if !self.wants_lights {
@@ -89,17 +90,26 @@ impl Viewer {
     /// Reads a rig, on a thread of its own: its maps may be large. The rig as it is now may be lost for it, but nothing that is edited meanwhile.
     pub(super) fn open_rig(&mut self, ctx: &egui::Context, path: PathBuf) {
         let given_up = self.document.whole();
-        self.read(ctx, move || {
+        self.asked += 1;
+        let number = self.asked;
+        self.read(ctx, path, move |path| {
             let opened = Document::open(&path);
-            Read::Rig(path, opened.map(|document| Box::new(OpenedRig { document, given_up })))
+            Read::Rig(path, opened.map(|document| Box::new(OpenedRig { document, given_up, number })))
         });
     }
 
-    fn read(&mut self, ctx: &egui::Context, read: impl FnOnce() -> Read + Send + 'static) {
+    fn read(
+        &mut self,
+        ctx: &egui::Context,
+        path: PathBuf,
+        read: impl FnOnce(PathBuf) -> Read + Send + 'static,
+    ) {
         let (done, wake) = (self.read.0.clone(), ctx.clone());
         let read = move || {
+            let named = path.clone();
+            let read = catch_unwind(AssertUnwindSafe(|| read(path))).unwrap_or(Read::Failed(named));
             // a window that has closed need not be told
-            let _ = done.send(read());
+            let _ = done.send(read);
             wake.request_repaint();
         };
         match std::thread::Builder::new().name("reading".to_owned()).spawn(read) {
@@ -112,15 +122,28 @@ impl Viewer {
     pub(super) fn take_read(&mut self, read: Read) {
         self.reading -= 1;
         match read {
+            // of two rigs, the one that was asked for last is wanted, whichever comes first
+            Read::Rig(_, Ok(opened)) if opened.number < self.asked => {}
             Read::Rig(path, Ok(opened)) => {
-                if self.document.is_changed() && self.document.whole() != opened.given_up {
-                    self.pending = Some(Pending::Rig(path));
-                } else {
+                if !self.document.is_changed() || self.document.whole() == opened.given_up {
                     self.take_rig(&path, opened.document);
+                } else if self.pending.is_none() {
+                    self.pending = Some(Pending::Rig(path));
                 }
             }
-            Read::Rig(_, Err(error)) | Read::Map(Err(error)) => self.messages.error(&error),
-            Read::Map(Ok(map)) => self.take_map(map),
+            Read::Map { map: Ok(map), dome, document } => {
+                if document == self.documents {
+                    self.take_map(&map, dome.as_deref());
+                } else {
+                    let name = map.name();
+                    self.messages
+                        .warn(format!("{name} was for a rig that is closed now: choose it once more"));
+                }
+            }
+            Read::Rig(_, Err(error)) | Read::Map { map: Err(error), .. } => self.messages.error(&error),
+            Read::Failed(path) => {
+                self.messages.error(&Error::file(path, "could not be read: its reader has failed"));
+            }
         }
     }
 
@@ -129,6 +152,8 @@ impl Viewer {
         let waits = self.recovered.take().is_some();
         self.autosave.take().iter().filter(|_| !waits).for_each(Autosave::forget);
         self.document = document;
+        self.revision = self.document.revision();
+        self.documents += 1;
         self.playing = None;
         self.wants_lights = false;
         self.unknown.clear();
@@ -184,30 +209,33 @@ impl Viewer {
         }
     }
 
-    /// Reads a map for a dome, on a thread of its own.
+    /// Reads a map for the selected dome, or for the first one, on a thread of its own.
     pub(super) fn set_map(&mut self, ctx: &egui::Context, path: PathBuf) {
-        let folder =
-            self.document.path().and_then(Path::parent).and_then(|folder| std::path::absolute(folder).ok());
-        let file = std::path::absolute(&path).unwrap_or_else(|_| path.clone());
-        let name = folder.and_then(|folder| file.strip_prefix(folder).ok().map(Path::to_owned));
-        let name = name.unwrap_or(file).to_string_lossy().into_owned();
-        self.read(ctx, move || Read::Map(read_environment(path, &name)));
+        self.playing = None; // it is of the frame at which it was asked for
+        let is_dome = |light: &&relume::Light| matches!(light.kind, LightKind::Dome { .. });
+        let lights = &self.document.rig.lights;
+        let selected = self.document.selected.and_then(|selected| lights.get(selected));
+        let dome = selected.filter(is_dome).or_else(|| lights.iter().find(is_dome));
+        let (dome, document) = (dome.map(|dome| dome.name.clone()), self.documents);
+        self.read(ctx, path, move |path| {
+            let file = std::path::absolute(&path).unwrap_or_else(|_| path.clone());
+            Read::Map { map: read_environment(path, &file.to_string_lossy()), dome, document }
+        });
     }
 
-    /// Gives the selected dome a map, or adds a dome with it.
-    fn take_map(&mut self, map: EnvironmentMap) {
-        let read = Arc::new(map);
-        let is_dome = |light: &relume::Light| matches!(light.kind, LightKind::Dome { .. });
-        if !self.document.selected_light().is_some_and(|light| is_dome(light)) {
-            match self.document.rig.lights.iter().position(is_dome) {
-                Some(dome) => self.document.selected = Some(dome),
-                None => {
-                    let stage = self.stage();
-                    self.document.add(NewLight::Dome, stage);
-                    if let Some(light) = self.document.selected_light() {
-                        *light = light.with_color(Vec3::ONE);
-                    }
-                }
+    /// Gives the dome of that name a map, or adds a dome with it.
+    fn take_map(&mut self, map: &EnvironmentMap, dome: Option<&str>) {
+        let folder =
+            self.document.path().and_then(Path::parent).and_then(|folder| std::path::absolute(folder).ok());
+        let file = Path::new(map.name());
+        let name = folder.and_then(|folder| file.strip_prefix(folder).ok().map(Path::to_owned));
+        let read = Arc::new(map.renamed(name.unwrap_or(file.to_owned()).to_string_lossy()));
+        self.document.selected = dome.and_then(|dome| self.document.place(dome));
+        if self.document.selected.is_none() {
+            let stage = self.stage();
+            self.document.add(NewLight::Dome, stage);
+            if let Some(light) = self.document.selected_light() {
+                *light = light.with_color(Vec3::ONE);
             }
         }
         if let Some(LightKind::Dome { map, .. }) = self.document.selected_light().map(|light| &mut light.kind)
@@ -225,7 +253,8 @@ impl Viewer {
             same && !lit.preview && Arc::ptr_eq(&lit.transfer, &transfer)
         };
         let lit = self.lit.as_ref().filter(is_it).cloned();
-        self.export(ctx, path, transfer, Sheets::One { rig, lit });
+        let animated = self.document.animated().clone();
+        self.export(ctx, path, transfer, Sheets::One { animated, rig, lit });
     }
 
     /// Writes a picture of every frame.
@@ -235,6 +264,11 @@ impl Viewer {
         let (solo, of) = (self.document.solo.clone(), Arc::clone(&transfer));
         let shown = move |rig| shown(rig, solo.as_deref(), &of);
         let animated = self.document.animated().clone();
+        let first = FrameNames::new(&path).ok().map(|names| names.file(*frames.start()));
+        if let Some(first) = first.filter(|first| first.exists()) {
+            self.messages
+                .warn(format!("{} and what else is there of these frames is written anew", first.display()));
+        }
         let sheets = Sheets::Sequence { animated, frames, shown: Box::new(shown) };
         self.export(ctx, path, transfer, sheets);
     }
@@ -245,6 +279,9 @@ impl Viewer {
             self.messages.warn(
                 "What is exported is of a preparation that goes on: export it again once that is ready",
             );
+        }
+        if let Some(solo) = &self.document.solo {
+            self.messages.warn(format!("{solo} is exported alone, as it is shown"));
         }
         let (per_light, curve) = (self.preferences.per_light, self.preferences.curve.into());
         let wake = ctx.clone();
@@ -258,6 +295,7 @@ impl Viewer {
     /// Tells of images that are written.
     pub(super) fn listen_to_exports(&mut self) {
         let messages = &mut self.messages;
+        let mut failed = false;
         self.exports.retain(|export| {
             let Some(end) = export.ended() else { return true };
             let (written, of) = export.progress();
@@ -267,9 +305,16 @@ impl Viewer {
                 Err(Error::Cancelled) => {
                     messages.notice(format!("The export has ended: {written} of {of} frames are written"));
                 }
-                Err(error) => messages.error(&error),
+                Err(error) => {
+                    failed = true;
+                    messages.error(&error);
+                }
             }
             false
         });
+        // it is to be read before the window closes
+        if failed && self.pending == Some(Pending::Frames) {
+            self.pending = None;
+        }
     }
 }

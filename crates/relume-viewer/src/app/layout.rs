@@ -1,11 +1,10 @@
 //! What the window looks like: menus, panels, questions.
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use eframe::egui::{
-    self, Button, CentralPanel, CollapsingHeader, ComboBox, DragValue, MenuBar, Panel, ScrollArea, Ui,
-    ViewportCommand,
+    self, Button, CentralPanel, CollapsingHeader, ComboBox, MenuBar, Panel, ScrollArea, Ui, ViewportCommand,
 };
 use relume::{Error, LightKind};
 
@@ -13,7 +12,7 @@ use super::Viewer;
 use crate::command::Command;
 use crate::dialog::Purpose;
 use crate::document::NewLight;
-use crate::panels::{self, MapWish};
+use crate::panels::{self, MapWish, Playing};
 use crate::picture::{Around, Tool};
 use crate::preferences::Curve;
 use crate::shot::Shot;
@@ -109,9 +108,11 @@ impl Viewer {
             self.run(ctx, command);
         }
         let types = ctx.egui_wants_keyboard_input();
+        let drags = ctx.input(|input| input.pointer.any_down());
         for (command, key) in Command::keys() {
-            // letters alone belong to whoever types
-            if (types && !key.modifiers.any()) || !ctx.input_mut(|input| input.consume_shortcut(&key)) {
+            // letters alone belong to whoever types, and a value that is dragged to one frame
+            let waits = (types && !key.modifiers.any()) || (drags && command.is_of_time());
+            if waits || !self.can(command) || !ctx.input_mut(|input| input.consume_shortcut(&key)) {
                 continue;
             }
             if types && matches!(command, Command::Save | Command::SaveAs | Command::Close) {
@@ -127,15 +128,14 @@ impl Viewer {
 
     /// Goes on playing, where nothing is held.
     fn play(&mut self, ctx: &egui::Context) {
-        if self.playing.is_none() {
-            return;
+        let Some(playing) = &mut self.playing else { return };
+        let held = ctx.input(|input| input.pointer.any_down()) || ctx.egui_wants_keyboard_input();
+        if held {
+            // what is dragged or typed is so at one frame
+            *playing = Playing::from(self.document.frame());
+        } else if !playing.go_on(&mut self.document, self.preferences.rate) {
+            self.playing = None;
         }
-        if ctx.input(|input| input.pointer.any_down()) {
-            // what is dragged is dragged at one frame
-            self.playing = Some((Instant::now(), self.document.frame()));
-            return;
-        }
-        panels::play(&mut self.playing, &mut self.document, self.preferences.rate);
         ctx.request_repaint_after(Duration::from_secs_f32(0.5 / self.preferences.rate));
     }
 
@@ -149,7 +149,8 @@ impl Viewer {
     }
 
     /// A line of a menu.
-    fn item(&mut self, ui: &mut Ui, command: Command, enabled: bool) {
+    fn item(&mut self, ui: &mut Ui, command: Command) {
+        let enabled = self.can(command);
         let mut button = Button::new(command.name());
         if let Some(key) = command.key() {
             button = button.shortcut_text(ui.ctx().format_shortcut(&key));
@@ -180,26 +181,24 @@ impl Viewer {
                 }
             });
             ui.menu_button("Light", |ui| {
-                let selected = self.document.selected.is_some();
-                self.item(ui, Command::Duplicate, selected);
-                self.item(ui, Command::Delete, selected);
+                self.item(ui, Command::Duplicate);
+                self.item(ui, Command::Delete);
                 ui.separator();
-                self.item(ui, Command::Key, selected);
-                let moves = self.document.frames().is_some();
+                self.item(ui, Command::Key);
                 for command in [Command::Play, Command::FrameBefore, Command::FrameAfter] {
-                    self.item(ui, command, moves);
+                    self.item(ui, command);
                 }
                 ui.separator();
                 for tool in [Tool::Aim, Tool::Highlight, Tool::SHADOW] {
-                    self.item(ui, Command::Tool(tool), selected);
+                    self.item(ui, Command::Tool(tool));
                 }
-                self.item(ui, Command::LookThrough, selected);
+                self.item(ui, Command::LookThrough);
             });
             ui.menu_button("View", |ui| {
                 for command in
                     [Command::Fit, Command::Actual, Command::Wipe, Command::ShowLights, Command::Snapshot]
                 {
-                    self.item(ui, command, true);
+                    self.item(ui, command);
                 }
                 ui.separator();
                 for theme in
@@ -211,13 +210,13 @@ impl Viewer {
                     }
                 }
             });
-            ui.menu_button("Help", |ui| self.item(ui, Command::Help, true));
+            ui.menu_button("Help", |ui| self.item(ui, Command::Help));
         });
     }
 
     fn file_menu(&mut self, ui: &mut Ui) {
         for command in [Command::OpenShot, Command::OpenRig] {
-            self.item(ui, command, true);
+            self.item(ui, command);
         }
         let recent = self.preferences.recent.clone();
         ui.add_enabled_ui(!recent.is_empty(), |ui| {
@@ -232,16 +231,15 @@ impl Viewer {
             });
         });
         ui.separator();
-        let changed = self.document.is_changed() || self.document.path().is_none();
-        self.item(ui, Command::Save, changed);
-        self.item(ui, Command::SaveAs, true);
+        self.item(ui, Command::Save);
+        self.item(ui, Command::SaveAs);
         ui.separator();
-        self.item(ui, Command::ExportImage, self.lit.is_some());
-        self.item(ui, Command::ExportSequence, self.lit.is_some() && self.document.frames().is_some());
+        self.item(ui, Command::ExportImage);
+        self.item(ui, Command::ExportSequence);
         ui.checkbox(&mut self.preferences.per_light, "Layers of each light in EXR")
             .on_hover_text("What is exported as .exr has direct and indirect light of each light as well");
         ui.separator();
-        self.item(ui, Command::Close, true);
+        self.item(ui, Command::Close);
     }
 
     fn toolbar(&mut self, ui: &mut Ui) {
@@ -257,12 +255,8 @@ impl Viewer {
             }
             ui.separator();
             let name = ui.label("Exposure");
-            let exposure = DragValue::new(&mut self.document.rig.exposure)
-                .speed(0.02)
-                .range(EXPOSURES)
-                .clamp_existing_to_range(false)
-                .suffix(" stops");
-            ui.add(exposure.max_decimals(2))
+            let exposure = &mut self.document.rig.exposure;
+            panels::exact(ui, exposure, 2, |drag| drag.speed(0.02).range(EXPOSURES).suffix(" stops"))
                 .labelled_by(name.id)
                 .on_hover_text("Of the picture, not of its light");
             ComboBox::from_id_salt("curve")

@@ -37,13 +37,13 @@ impl Viewer {
                 !same || last.per_light != per_light || last.albedo != albedo || (last.dragging && !moving)
             }
         };
-        if let Some(shot) = &self.shot {
-            shot.rest(moving && self.ordered.as_ref().is_some_and(|last| last.dragging));
-        }
+        let rests = down && self.ordered.as_ref().is_some_and(|last| last.dragging);
+        self.shot.iter().for_each(|shot| shot.rest(rests));
+        self.exports.iter().for_each(|export| export.rest(rests));
         if changed {
             let moved = self.ordered.as_ref().is_some_and(|last| last.rig != rig);
             // what follows a drag is the full frame of the same edit, which was on the screen before
-            let asked = moved.then(Instant::now);
+            let asked = (moved && self.playing.is_none()).then(Instant::now);
             let order = Order {
                 transfer: Arc::clone(transfer),
                 rig,

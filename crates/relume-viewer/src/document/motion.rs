@@ -64,18 +64,9 @@ impl Document {
         let light = light.map(|light| Subject::Light(light.name.clone()));
         let emitters = self.rig.emitters.iter().map(|emitter| Subject::Emitter(emitter.material.clone()));
         let materials = self.rig.materials.iter().map(|edit| Subject::Material(edit.name.clone()));
-        let whole = self.whole();
-        let moves = |field: &Field| whole.curves().any(|curve| curve.field == *field);
-        let subjects = light.into_iter().chain([Subject::Rig]).chain(emitters).chain(materials);
-        subjects
-            .flat_map(|of| {
-                whole
-                    .fields(&of, self.frame)
-                    .into_iter()
-                    .map(move |key| Field { of: of.clone(), key: key.to_owned() })
-            })
-            .filter(|field| !moves(field))
-            .collect()
+        let subjects: Vec<Subject> =
+            light.into_iter().chain([Subject::Rig]).chain(emitters).chain(materials).collect();
+        self.history.now().resting(&subjects, self.frame)
     }
 
     /// Puts a key of `field` at the present frame.

@@ -1,6 +1,6 @@
 //! Colours of light: a hue, and how much of it.
 
-use eframe::egui::{self, DragValue, Ui, color_picker};
+use eframe::egui::{self, Ui, color_picker};
 use relume::glam::Vec3;
 use relume::scene::{TEMPERATURES, black_body_color, nearest_temperature};
 
@@ -41,22 +41,16 @@ pub(crate) fn light(ui: &mut Ui, color: &mut Vec3, unit: &str, measure: &mut Mea
         match measure {
             Measure::Linear => {
                 let speed = (f64::from(strength) * 0.01).max(1e-3);
-                let value = DragValue::new(&mut strength)
-                    .speed(speed)
-                    .range(0.0..=STRONGEST)
-                    .clamp_existing_to_range(false)
-                    .max_decimals(4);
-                ui.add(value).labelled_by(name.id)
+                super::exact(ui, &mut strength, 4, |drag| drag.speed(speed).range(0.0..=STRONGEST))
+                    .labelled_by(name.id)
             }
             Measure::Stops => {
-                let mut stops = strength.log2().max(DARKEST);
-                let value = DragValue::new(&mut stops)
-                    .speed(0.02)
-                    .range(DARKEST..=STRONGEST.log2())
-                    .clamp_existing_to_range(false)
-                    .max_decimals(2);
-                let response = ui.add(value).labelled_by(name.id);
-                if response.changed() {
+                let now = strength.log2().max(DARKEST);
+                let mut stops = now;
+                let range = DARKEST..=STRONGEST.log2();
+                let response = super::exact(ui, &mut stops, 2, |drag| drag.speed(0.02).range(range));
+                let response = response.labelled_by(name.id);
+                if stops != now {
                     strength = if stops <= DARKEST { 0.0 } else { stops.exp2() };
                 }
                 response
@@ -86,11 +80,11 @@ pub(crate) fn light(ui: &mut Ui, color: &mut Vec3, unit: &str, measure: &mut Mea
         }
         let found = nearest_temperature(hue).unwrap_or(6500.0);
         let mut kelvin = found;
-        let temperature = DragValue::new(&mut kelvin).speed(20.0).range(TEMPERATURES).clamp_existing_to_range(false).max_decimals(0).suffix(" K");
-        let response = super::number(ui.add(temperature), "Colour temperature").on_hover_text(
+        let response = super::exact(ui, &mut kelvin, 0, |drag| drag.speed(20.0).range(TEMPERATURES).suffix(" K"));
+        super::number(response, "Colour temperature").on_hover_text(
             "Colour temperature: 1900 is a candle, 2700 a lamp, 5500 noon, 10,000 a clear sky. For other colours, the nearest.",
         );
-        if response.changed() {
+        if kelvin != found {
             hue = black_body_color(kelvin);
         }
     });

@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use eframe::egui::{DragValue, Grid, Response, Ui};
+use eframe::egui::{Grid, Response, Ui};
 use relume::glam::Vec3;
 use relume::{Light, LightKind};
 
@@ -89,15 +89,13 @@ fn triple(ui: &mut Ui, name: &str, what: &str, value: &mut Vec3, speed: f64) {
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         for (axis, component) in ["X", "Y", "Z"].into_iter().zip(value.as_mut()) {
-            let drag = DragValue::new(&mut *component)
-                .speed(speed)
-                .range(-FAR..=FAR)
-                .clamp_existing_to_range(false)
-                .update_while_editing(false)
-                .max_decimals(3)
-                .prefix(format!("{axis} "));
-            let response = super::number(ui.add(drag), &format!("{name} {axis}"));
-            if response.on_hover_text(format!("{name} {axis}, {what}")).changed() {
+            let was = *component;
+            let response = super::exact(ui, component, 3, |drag| {
+                drag.speed(speed).range(-FAR..=FAR).update_while_editing(false).prefix(format!("{axis} "))
+            });
+            super::number(response, &format!("{name} {axis}"))
+                .on_hover_text(format!("{name} {axis}, {what}"));
+            if *component != was {
                 *component = component.clamp(-FAR, FAR); // arrow keys step past the range
             }
         }
@@ -107,14 +105,12 @@ fn triple(ui: &mut Ui, name: &str, what: &str, value: &mut Vec3, speed: f64) {
 
 fn length(ui: &mut Ui, name: &str, what: &str, value: &mut f32) {
     let label = ui.label(name);
-    let drag = DragValue::new(&mut *value)
-        .speed(0.002)
-        .range(0.0..=FAR)
-        .clamp_existing_to_range(false)
-        .update_while_editing(false)
-        .max_decimals(3)
-        .suffix(" m");
-    if ui.add(drag).labelled_by(label.id).on_hover_text(what).changed() {
+    let was = *value;
+    let response = super::exact(ui, value, 3, |drag| {
+        drag.speed(0.002).range(0.0..=FAR).update_while_editing(false).suffix(" m")
+    });
+    response.labelled_by(label.id).on_hover_text(what);
+    if *value != was {
         *value = value.clamp(0.0, FAR);
     }
     ui.end_row();
@@ -122,15 +118,12 @@ fn length(ui: &mut Ui, name: &str, what: &str, value: &mut f32) {
 
 fn angle(ui: &mut Ui, name: &str, what: &str, value: &mut f32, range: RangeInclusive<f32>) -> Response {
     let label = ui.label(name);
-    let drag = DragValue::new(&mut *value)
-        .speed(0.2)
-        .range(range.clone())
-        .clamp_existing_to_range(false)
-        .update_while_editing(false)
-        .max_decimals(2)
-        .suffix("°");
-    let response = ui.add(drag).labelled_by(label.id).on_hover_text(what);
-    if response.changed() {
+    let was = *value;
+    let response = super::exact(ui, value, 2, |drag| {
+        drag.speed(0.2).range(range.clone()).update_while_editing(false).suffix("°")
+    });
+    let response = response.labelled_by(label.id).on_hover_text(what);
+    if *value != was {
         *value = value.clamp(*range.start(), *range.end());
     }
     ui.end_row();

@@ -1,6 +1,6 @@
 //! What emits, and base colours of materials.
 
-use eframe::egui::{Button, DragValue, Grid, Role, Ui, WidgetInfo, color_picker};
+use eframe::egui::{Button, Grid, Role, Ui, WidgetInfo, color_picker};
 use relume::glam::Vec3;
 use relume::transfer::Report;
 use relume::{Emitter, LightRig, MaterialEdit};
@@ -19,14 +19,13 @@ pub(crate) fn emitters(ui: &mut Ui, rig: &mut LightRig, report: &Report, shining
             let (mut strength, hue) =
                 (scale.max_element(), scale / scale.max_element().max(f32::MIN_POSITIVE));
             let hue = if strength > 0.0 { hue } else { Vec3::ONE };
-            let drag = DragValue::new(&mut strength)
-                .speed(0.01)
-                .range(0.0..=BRIGHTEST)
-                .clamp_existing_to_range(false)
-                .max_decimals(3)
-                .prefix("x ");
+            let now = strength;
+            let response = super::exact(ui, &mut strength, 3, |drag| {
+                drag.speed(0.01).range(0.0..=BRIGHTEST).prefix("x ")
+            });
             let what = format!("{name}: times what it emits in the scene");
-            if super::number(ui.add(drag), &what).on_hover_text(what).changed() {
+            super::number(response, &what).on_hover_text(what);
+            if strength != now {
                 scale = hue * strength.clamp(0.0, BRIGHTEST); // arrow keys step past the range
             }
             let mut rgb = hue.to_array();

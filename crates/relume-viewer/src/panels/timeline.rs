@@ -1,11 +1,12 @@
 //! Frames and keys: the line below the picture, and what moves of a light.
 
+use std::collections::BTreeSet;
 use std::ops::RangeInclusive;
 use std::time::Instant;
 
 use eframe::egui::{
-    Align2, Button, Color32, ComboBox, DragValue, FontId, Painter, Pos2, Rect, Role, Sense, Shape, Stroke,
-    Ui, WidgetInfo, pos2, vec2,
+    Align2, Button, Color32, ComboBox, DragValue, FontId, Painter, Pos2, Rect, Response, Role, Sense, Shape,
+    Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 use relume_io::{Field, Interpolation, Subject};
 
@@ -20,22 +21,33 @@ const HEIGHT: f32 = 30.0;
 /// Frames in a second.
 pub(crate) const RATES: RangeInclusive<f32> = 1.0..=120.0;
 
-/// When playing began, and at which frame.
-pub(crate) type Playing = Option<(Instant, i32)>;
+/// Time that goes on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Playing {
+    began: Instant,
+    from: i32,
+    /// Where it was last.
+    at: i32,
+}
 
-/// Where time goes on from where it is.
-pub(crate) fn play(playing: &mut Playing, document: &mut Document, rate: f32) {
-    let (Some((began, from)), Some(frames)) = (*playing, document.frames()) else {
-        *playing = None;
-        return;
-    };
-    let (first, last) = (*frames.start(), *frames.end());
-    let passed = (began.elapsed().as_secs_f32() * rate) as i64;
-    let length = i64::from(last) - i64::from(first) + 1;
-    let at = i64::from(first) + (i64::from(from) - i64::from(first) + passed).rem_euclid(length);
-    document.go_to(at as i32);
-    if i64::from(document.frame()) != at {
-        *playing = None; // the rig cannot be there, which is told
+impl Playing {
+    /// From that frame on.
+    pub(crate) fn from(frame: i32) -> Self {
+        Self { began: Instant::now(), from: frame, at: frame }
+    }
+
+    /// Goes to the frame that is due, at so many a second; from another one on where someone has gone there meanwhile. Whether it can go on.
+    pub(crate) fn go_on(&mut self, document: &mut Document, rate: f32) -> bool {
+        let Some(frames) = document.frames() else { return false };
+        if document.frame() != self.at {
+            *self = Self::from(document.frame());
+        }
+        let (first, last) = (i64::from(*frames.start()), i64::from(*frames.end()));
+        let passed = (self.began.elapsed().as_secs_f32() * rate) as i64;
+        let at = first + (i64::from(self.from) - first + passed).rem_euclid(last - first + 1);
+        self.at = at as i32;
+        document.go_to(self.at);
+        document.frame() == self.at // else the rig cannot be there, which is told
     }
 }
 
@@ -89,8 +101,7 @@ fn line(ui: &mut Ui, document: &Document, frames: &RangeInclusive<i32>) -> Optio
     let now = document.frame();
     let info = || WidgetInfo::slider(true, f64::from(now), "Frames and keys");
     response.widget_info(info);
-    let first = (*frames.start()).min(now);
-    let last = (*frames.end()).max(now).max(first.saturating_add(SHORTEST));
+    let (first, last) = span(ui, &response, now, frames);
     let inner = rect.shrink2(vec2(8.0, 0.0));
     let span = f64::from(last) - f64::from(first);
     let x = |frame: i32| inner.left() + ((f64::from(frame) - f64::from(first)) / span) as f32 * inner.width();
@@ -107,13 +118,15 @@ fn line(ui: &mut Ui, document: &Document, frames: &RangeInclusive<i32>) -> Optio
     }
     let selected = document.selected.and_then(|selected| document.rig.lights.get(selected));
     let own = selected.map(|light| Subject::Light(light.name.clone()));
+    // one a pixel, those of the selected light over the others
+    let mut columns = BTreeSet::new();
     for curve in document.curves() {
         let is_own = own.as_ref() == Some(&curve.field.of);
-        let color = if is_own { visuals.warn_fg_color } else { weak };
-        for &frame in curve.frames {
-            let size = if is_own { 4.0 } else { 3.0 };
-            diamond(&painter, pos2(x(frame), rect.top() + 8.0), size, (color, Stroke::NONE));
-        }
+        columns.extend(curve.frames.iter().map(|&frame| (is_own, x(frame).round() as i32)));
+    }
+    for (is_own, column) in columns {
+        let (color, size) = if is_own { (visuals.warn_fg_color, 4.0) } else { (weak, 3.0) };
+        diamond(&painter, pos2(column as f32, rect.top() + 8.0), size, (color, Stroke::NONE));
     }
     painter.vline(x(now), rect.y_range(), Stroke::new(1.5, strong));
     let at = response.interact_pointer_pos().filter(|_| response.dragged() || response.clicked());
@@ -125,6 +138,17 @@ fn line(ui: &mut Ui, document: &Document, frames: &RangeInclusive<i32>) -> Optio
         "Drag or click: the frame that is shown. Diamonds are keys, those of the selected light bright",
     );
     to.filter(|&frame| frame != now)
+}
+
+/// The frames that are shown: as they were when a drag began, until it ends, or the frame that one points at would run away.
+fn span(ui: &Ui, response: &Response, now: i32, frames: &RangeInclusive<i32>) -> (i32, i32) {
+    let first = (*frames.start()).min(now);
+    let last = (*frames.end()).max(now).max(first.saturating_add(SHORTEST));
+    let id = response.id.with("span");
+    if !response.is_pointer_button_down_on() {
+        ui.data_mut(|data| data.insert_temp(id, (first, last)));
+    }
+    ui.data(|data| data.get_temp(id)).unwrap_or((first, last))
 }
 
 /// The sign of a key.

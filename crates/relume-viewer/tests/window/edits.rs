@@ -322,3 +322,24 @@ fn what_emits_is_dimmed_and_reset() {
     assert!(window.rig().emitters.is_empty());
     assert_eq!(window.layers().full(), lit);
 }
+
+/// A number is shown with a few digits, and keeps the others when its field is only looked into.
+#[test]
+fn a_field_that_is_left_as_it_was_keeps_its_digits() {
+    let folder = folder();
+    let rig = folder.path().join("arcade.toml");
+    let text = std::fs::read_to_string(&rig).unwrap();
+    std::fs::write(&rig, text.replace("exposure = 0.0", "exposure = 0.123456")).unwrap();
+    let mut window = Window::open(folder.path());
+    let field = window.harness.get_by_role_and_label(Role::SpinButton, "Exposure").rect().center();
+    for (at, done) in [(field, false), (eframe::egui::pos2(1100.0, 640.0), true)] {
+        window.harness.hover_at(at);
+        window.harness.drag_at(at);
+        window.harness.drop_at(at);
+        window.harness.run_steps(4);
+        assert!(done || window.harness.ctx.egui_wants_keyboard_input(), "the field is typed into");
+    }
+    window.settle();
+    assert_eq!(window.rig().exposure, 0.123_456);
+    assert!(!window.harness.ctx.egui_wants_keyboard_input());
+}

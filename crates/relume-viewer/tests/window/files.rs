@@ -368,3 +368,48 @@ fn a_rig_that_comes_late_asks_before_it_takes_the_place_of_edits() {
     window.until("the rig", |viewer| viewer.rig().exposure == 1.0);
     assert!(window.light("sun").enabled);
 }
+
+/// Of two rigs the one that was asked for last is shown, whichever is read first; and a map is for the rig that it was chosen for.
+#[cfg(unix)]
+#[test]
+fn what_comes_late_is_not_taken_for_something_else() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    let pipe = |name: &str| {
+        let path = folder.path().join(name);
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+        path
+    };
+    let (late, map) = (pipe("late.toml"), pipe("late.hdr"));
+    let text = std::fs::read_to_string(folder.path().join("arcade.toml")).unwrap();
+    let newer = folder.path().join("newer.toml");
+    std::fs::write(&newer, text.replace("exposure = 0.0", "exposure = 1.0")).unwrap();
+    drop_file(&mut window, map.clone());
+    drop_file(&mut window, late.clone());
+    drop_file(&mut window, newer);
+    window.until("the newer rig", |viewer| viewer.rig().exposure == 1.0);
+    let rig = window.rig().clone();
+    std::fs::write(&late, &text).unwrap();
+    std::fs::write(&map, std::fs::read(folder.path().join("arcade_sky.hdr")).unwrap()).unwrap();
+    window.until_said("choose it once more");
+    window.until("both", |viewer| !viewer.is_reading());
+    assert_eq!(*window.rig(), rig);
+}
+
+#[test]
+fn a_map_of_the_rig_is_not_written_over() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    let sky = folder.path().join("sky.exr");
+    let mut image = relume::image::Image::new(8, 4);
+    image.pixels.fill(relume::glam::Vec3::ONE);
+    relume_io::write_exr_image(&sky, &image, &relume_io::ExrMeta::default()).unwrap();
+    let before = std::fs::read(&sky).unwrap();
+    drop_file(&mut window, sky.clone());
+    window.until("the map", |viewer| !viewer.is_reading());
+    window.settle();
+    window.choose("File", "Export image");
+    window.answer(&sky);
+    window.until_said("is a map of this rig and would be overwritten");
+    assert_eq!(std::fs::read(&sky).unwrap(), before);
+}

@@ -217,7 +217,7 @@ fn keys_that_were_never_saved_outlive_a_crash() {
     assert_eq!(keys(&saved(folder.path()), "lantern", "position"), Some(vec![1]));
 }
 
-/// A spot whose position moves, and whose target is dragged to where it stands later.
+/// A spot whose inner angle grows, and whose outer one is made smaller than that will be.
 #[test]
 fn an_edit_that_cannot_be_is_taken_back_and_told() {
     let folder = folder();
@@ -230,4 +230,64 @@ fn an_edit_that_cannot_be_is_taken_back_and_told() {
     window.settle();
     window.until_said("at frame 9: `inner_angle` (8) must not be above `outer_angle` (6)");
     assert_eq!(*window.rig(), before);
+}
+
+#[test]
+fn what_is_done_to_keys_outlives_a_crash_too() {
+    let folder = animated();
+    let mut window = Window::open(folder.path());
+    window.click("Hold position of lantern as it is");
+    let kept = folder.path().join("state/unsaved");
+    window.until("what is kept", |_| std::fs::read_dir(&kept).map_or(0, Iterator::count) > 0);
+    drop(window);
+    let mut window = Window::open(folder.path());
+    assert!(window.is_said("never saved"));
+    window.key(Modifiers::COMMAND, Key::S);
+    let rig = saved(folder.path());
+    assert_eq!((keys(&rig, "lantern", "position"), rig.frames()), (None, Some(1..=40)));
+}
+
+#[test]
+fn a_copy_moves_as_its_light_does() {
+    let folder = animated();
+    let mut window = Window::open(folder.path());
+    window.key(Modifiers::COMMAND, Key::D);
+    window.key(Modifiers::COMMAND, Key::S);
+    let rig = saved(folder.path());
+    assert_eq!(keys(&rig, "lantern 2", "position"), keys(&rig, "lantern", "position"));
+    window.key(Modifiers::COMMAND, Key::Z);
+    assert_eq!(window.rig().lights.len(), 3);
+}
+
+#[test]
+fn playing_goes_on_from_where_one_has_gone() {
+    let folder = animated();
+    let mut window = Window::open(folder.path());
+    let rig = saved(folder.path());
+    let exposure = |frame: f64| rig.rig(frame).unwrap().exposure;
+    window.key(Modifiers::NONE, Key::Space);
+    window.click("Last frame");
+    // from there it begins anew: without a jump, frame 48 would be two seconds away
+    let began = std::time::Instant::now();
+    window.until("the first frames again", |viewer| viewer.rig().exposure == exposure(1.0));
+    assert!(began.elapsed().as_secs_f32() < 60.0);
+    window.harness.get_by_role_and_label(Role::SpinButton, "Frame").set_value_accesskit(30.0);
+    window.harness.step();
+    assert!(window.rig().exposure >= exposure(29.0), "{}", window.rig().exposure);
+}
+
+#[test]
+fn what_is_too_late_keeps_the_window_open() {
+    let folder = animated();
+    let mut window = Window::open(folder.path());
+    let film = folder.path().join("film");
+    std::fs::create_dir(&film).unwrap();
+    window.key(Modifiers::COMMAND | Modifiers::SHIFT, Key::E);
+    window.answer(&film.join("frame.####.png"));
+    window.until("a frame", |_| film.join("frame.0001.png").exists());
+    close(&mut window);
+    assert!(window.is_said("Frames are still being written"));
+    std::fs::rename(&film, folder.path().join("elsewhere")).unwrap();
+    window.until_said("Error:");
+    assert!(!window.is_said("Frames are still being written"));
 }

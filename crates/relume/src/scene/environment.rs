@@ -1,5 +1,5 @@
 use std::f64::consts::{PI, TAU};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use glam::{Vec2, Vec3};
 use xxhash_rust::xxh3::xxh3_64;
@@ -17,18 +17,20 @@ const BRIGHTEST: f32 = 1e30;
 /// The top row is around +Y. The middle of the image lies in the direction +Z, its left and right border in -Z, and its right half in -X: the
 /// latitude-longitude layout of OpenEXR, which USD's dome lights have too. Each pixel is one radiance all over: nothing is interpolated, so that
 /// what is drawn by brightness and what a direction shows agree exactly.
+///
+/// Clones share the pixels.
 #[derive(Clone, Debug)]
 pub struct EnvironmentMap {
     name: String,
     width: usize,
     height: usize,
-    texels: Vec<Vec3>,
+    texels: Arc<Vec<Vec3>>,
     /// Sums of the brightness of the rows up to and including each, the last one 1.
-    rows: Vec<f64>,
+    rows: Arc<Vec<f64>>,
     /// The same within each row.
-    columns: Vec<f32>,
+    columns: Arc<Vec<f32>>,
     hash: u64,
-    split: OnceLock<Split>,
+    split: Arc<OnceLock<Split>>,
 }
 
 /// The same pixels by the same name.
@@ -94,7 +96,16 @@ impl EnvironmentMap {
         if total > 0.0 {
             rows.iter_mut().for_each(|sum| *sum /= total);
         }
-        Ok(Self { name, width, height, texels, rows, columns, hash, split: OnceLock::new() })
+        Ok(Self {
+            name,
+            width,
+            height,
+            texels: texels.into(),
+            rows: rows.into(),
+            columns: columns.into(),
+            hash,
+            split: Arc::default(),
+        })
     }
 
     /// As it was given, for a rig to name it by.

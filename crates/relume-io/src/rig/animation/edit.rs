@@ -71,16 +71,19 @@ impl AnimatedRig {
         })
     }
 
-    /// The keys of what `subject` has at `frame` and can change from frame to frame.
-    pub fn fields(&self, subject: &Subject, frame: i32) -> Vec<&'static str> {
-        let fields = || {
-            let document = table(&self.rig(frame.into()).ok()?)?;
-            let place = place(&document, subject)?;
-            let table = place.table(&document)?;
+    /// The fields of `subjects` that rest, and could move: those that they have at `frame`.
+    pub fn resting(&self, subjects: &[Subject], frame: i32) -> Vec<Field> {
+        let document = self.rig(frame.into()).ok().and_then(|rig| table(&rig));
+        let fields = |of: &Subject| {
+            let document = document.as_ref()?;
+            let place = place(document, of)?;
+            let table = place.table(document)?;
             let (_, known) = fields_of(place, table)?;
-            Some(known.into_iter().filter(|key| table.find(key).is_some()).collect())
+            let there = known.into_iter().filter(|key| table.find(key).is_some());
+            Some(there.map(|key| Field { of: of.clone(), key: key.to_owned() }).collect::<Vec<_>>())
         };
-        fields().unwrap_or_default()
+        let all = subjects.iter().filter_map(fields).flatten();
+        all.filter(|field| !self.tracks.iter().any(|track| self.is(track, field))).collect()
     }
 
     /// The same rig after an edit that makes it `rig` at `frame`: where a field has a curve, it gets a key there; everything else is so at all
@@ -161,6 +164,31 @@ impl AnimatedRig {
         written(&self.rig(self.first_frame().into())?, &tracks, &self.maps, &self.path)
     }
 
+    /// With a copy of the light `name` behind it, called `copy`, which moves as it does.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] where there is no such light, or another one has that name.
+    pub fn duplicated(&self, name: &str, copy: &str) -> Result<Self> {
+        let mut rig = self.rig(self.first_frame().into())?;
+        let Some(index) = rig.lights.iter().position(|light| light.name == name) else {
+            return Err(Error::Setting(format!("the rig has no light `{name}`")));
+        };
+        rig.lights.insert(index + 1, Light { name: copy.to_owned(), ..rig.lights[index].clone() });
+        let mut tracks = Vec::new();
+        for track in &self.tracks {
+            let Place::List(list @ "light", at) = track.place else {
+                tracks.push(track.clone());
+                continue;
+            };
+            let moved = Place::List(list, at + usize::from(at > index));
+            tracks.push(Track { place: moved, ..track.clone() });
+            if at == index {
+                tracks.push(Track { place: Place::List(list, index + 1), ..track.clone() });
+            }
+        }
+        written(&rig, &tracks, &self.maps, &self.path)
+    }
+
     /// As the rig of the file at `path`: maps of domes are named from its folder.
     ///
     /// # Errors
@@ -168,6 +196,9 @@ impl AnimatedRig {
     pub fn moved_to(&self, path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let name = |name: &str| name_from(name, &self.path, path);
+        if self.maps.keys().all(|map| name(map) == *map) {
+            return Ok(Self { path: path.to_owned(), ..self.clone() });
+        }
         let mut rig = self.rig(self.first_frame().into())?;
         for light in &mut rig.lights {
             if let LightKind::Dome { map: Some(map), .. } = &mut light.kind
@@ -312,6 +343,18 @@ fn follow(subject: &Subject, before: &LightRig, after: &LightRig) -> Option<Subj
 /// # Errors
 /// [`Error::Setting`] where it cannot be.
 fn written(rig: &LightRig, tracks: &[Track], known: &Maps, path: &Path) -> Result<AnimatedRig> {
+    let maps = used(rig, tracks, known);
+    let text = text_of(rig, tracks);
+    let mut written = AnimatedRig { maps, ..AnimatedRig::unread(text, path) };
+    match written.read() {
+        Ok(_) => Ok(written),
+        // of lines that nobody has seen
+        Err(problem) => Err(Error::Setting(problem.message)),
+    }
+}
+
+/// The maps that are shown at some frame.
+pub(super) fn used(rig: &LightRig, tracks: &[Track], known: &Maps) -> Maps {
     let mut maps = Maps::new();
     for light in &rig.lights {
         if let LightKind::Dome { map: Some(map), .. } = &light.kind {
@@ -323,13 +366,7 @@ fn written(rig: &LightRig, tracks: &[Track], known: &Maps, path: &Path) -> Resul
             maps.entry(name.clone()).or_insert_with(|| Arc::clone(map));
         }
     }
-    let text = text_of(rig, tracks);
-    let mut written = AnimatedRig { maps, ..AnimatedRig::unread(text, path) };
-    match written.read() {
-        Ok(_) => Ok(written),
-        // of lines that nobody has seen
-        Err(problem) => Err(Error::Setting(problem.message)),
-    }
+    maps
 }
 
 /// The text of a file.

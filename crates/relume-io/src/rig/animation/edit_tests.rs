@@ -99,6 +99,35 @@ fn moving_fields_get_keys_and_others_change_at_all_frames() {
     assert_eq!(rig.edited(3, &rig.rig(3.0).unwrap()).unwrap(), rig, "nothing was edited");
 }
 
+/// However long what comes before them is written.
+#[test]
+fn what_is_not_touched_gets_no_key() {
+    let rig = animated();
+    let mut now = rig.rig(2.0).unwrap();
+    now.exposure = -0.123_456;
+    now.lights[0].name = "a key by another name".to_owned();
+    if let LightKind::Spot { target, .. } = &mut now.lights[0].kind {
+        *target = Vec3::new(0.333, -1.5, 12.25);
+    }
+    move_to(&mut now.lights[1], Vec3::new(-1.25, 2.125, 3.0625));
+    let edited = rig.edited(2, &now).unwrap();
+    assert_eq!(edited.rig(2.0).unwrap(), now);
+    let frames = |rig: &AnimatedRig| rig.curves().map(|curve| curve.frames.to_vec()).collect::<Vec<_>>();
+    assert_eq!(frames(&edited), frames(&rig));
+}
+
+#[test]
+fn a_copy_moves_as_its_light_does() {
+    let rig = animated();
+    let copied = rig.duplicated("key", "copy").unwrap();
+    for frame in [-1.0, 1.0, 3.0, 9.0] {
+        let (was, now) = (rig.rig(frame).unwrap().lights, copied.rig(frame).unwrap().lights);
+        assert_eq!((&now[0], &now[2], now.len()), (&was[0], &was[1], 3));
+        assert_eq!((&now[1].kind, &*now[1].name), (&was[0].kind, "copy"));
+    }
+    assert!(rig.duplicated("gone", "copy").is_err() && rig.duplicated("key", "fill").is_err());
+}
+
 #[test]
 fn curves_follow_their_lights() {
     let rig = animated();
@@ -168,18 +197,18 @@ fn keys_come_and_go() {
 #[test]
 fn fields_that_can_move_are_known() {
     let rig = animated();
-    let of = |subject| rig.fields(&subject, 1);
-    assert_eq!(of(Subject::Rig), ["exposure"]);
-    assert_eq!(of(Subject::Light("fill".to_owned())), ["enabled", "position", "intensity", "radius"]);
-    assert_eq!(of(Subject::Material("wall".to_owned())), ["base_color"]);
-    assert!(of(Subject::Emitter("lamp".to_owned())).is_empty());
-    for subject in [Subject::Rig, Subject::Light("key".to_owned()), Subject::Material("wall".to_owned())] {
-        for key in of(subject.clone()) {
-            let field = field(subject.clone(), key);
-            let keyed = rig.keyed(&field, 2).unwrap();
-            let curve = keyed.curves().find(|curve| curve.field == field).unwrap();
-            assert_eq!(curve.blends(), curve.interpolation != Interpolation::Step, "{field:?}");
-        }
+    let of = |subject: &Subject| rig.resting(std::slice::from_ref(subject), 1);
+    let keys = |subject: &Subject| of(subject).into_iter().map(|field| field.key).collect::<Vec<_>>();
+    assert_eq!(keys(&Subject::Rig), ["exposure"]);
+    let (key, fill) = (Subject::Light("key".to_owned()), Subject::Light("fill".to_owned()));
+    assert_eq!(keys(&fill), ["position", "intensity", "radius"], "it is switched on and off already");
+    assert!(keys(&Subject::Material("wall".to_owned())).is_empty());
+    assert!(keys(&Subject::Emitter("lamp".to_owned())).is_empty());
+    for field in rig.resting(&[Subject::Rig, key, fill], 1) {
+        let keyed = rig.keyed(&field, 2).unwrap();
+        let curve = keyed.curves().find(|curve| curve.field == field).unwrap();
+        assert_eq!(curve.blends(), curve.interpolation != Interpolation::Step, "{field:?}");
+        assert!(!keyed.resting(std::slice::from_ref(&field.of), 1).contains(&field));
     }
 }
 

@@ -50,6 +50,21 @@ impl AnimatedRig {
         Self::parse_with_first(text.into(), path.as_ref()).map(|(animated, _)| animated)
     }
 
+    /// The same, where `known` is a rig with maps in the same folder: they are not read again.
+    ///
+    /// # Errors
+    /// As [`parse_rig`](super::parse_rig).
+    pub fn parse_beside(text: impl Into<String>, path: impl AsRef<Path>, known: &Self) -> Result<Self> {
+        let mut animated = Self::unread(text.into(), path.as_ref());
+        if std::path::absolute(animated.folder()).ok() == std::path::absolute(known.folder()).ok() {
+            animated.maps.clone_from(&known.maps);
+        }
+        match animated.read() {
+            Ok(_) => Ok(animated),
+            Err(problem) => Err(animated.told(problem)),
+        }
+    }
+
     /// The same with the rig at the first keyed frame.
     pub(super) fn parse_with_first(text: String, path: &Path) -> Result<(Self, LightRig)> {
         let mut animated = Self::unread(text, path);
@@ -136,7 +151,7 @@ impl AnimatedRig {
             return Err(if is_of_a_key { at_frame(frame, problem) } else { problem });
         }
         self.check_keys(&mut reader)?;
-        self.maps = reader.maps;
+        self.maps = edit::used(&rig, &self.tracks, &reader.maps);
         self.canonical = edit::text_of(&rig, &self.tracks);
         Ok(rig)
     }

@@ -192,15 +192,22 @@ impl Viewer {
     /// # Errors
     /// What is wrong with the rig; [`Error::Io`] where the system gives no threads.
     pub fn new(context: &eframe::CreationContext<'_>, options: Options) -> Result<Self> {
+        let document = options.rig.as_deref().map(Document::open).transpose()?;
+        Self::with_document(context, options, document)
+    }
+
+    /// The same with the rig that was read already, where there is one.
+    pub(crate) fn with_document(
+        context: &eframe::CreationContext<'_>,
+        options: Options,
+        document: Option<Document>,
+    ) -> Result<Self> {
         let ctx = context.egui_ctx.clone();
         let preferences = Preferences::load(context.storage);
         ctx.set_theme(preferences.theme);
         // a field that was typed into is left before the click that leaves it does anything
         ctx.options_mut(|options| options.input_options.surrender_focus_on = SurrenderFocusOn::Presses);
-        let document = match &options.rig {
-            Some(rig) => Document::open(rig)?,
-            None => Document::new(&LightRig::default())?,
-        };
+        let document = document.map_or_else(|| Document::new(&LightRig::default()), Ok)?;
         let wake = || {
             let ctx = ctx.clone();
             move || ctx.request_repaint()

@@ -69,19 +69,18 @@ pub fn run(options: Options) -> Result<()> {
         persistence_path: options.state.as_ref().map(|state| state.join("window.ron")),
         ..eframe::NativeOptions::default()
     };
-    if let Some(rig) = &options.rig {
-        // told here, and not once there is a window
-        relume_io::AnimatedRig::load(rig)?;
-    }
+    // told here, and not once there is a window
+    let document = options.rig.as_deref().map(document::Document::open).transpose()?;
     let mut refused = None;
-    let create = |context: &eframe::CreationContext<'_>| match Viewer::new(context, options) {
-        Ok(viewer) => Ok(Box::new(viewer) as Box<dyn eframe::App>),
-        Err(error) => {
-            let text = error.to_string();
-            refused = Some(error);
-            Err(text.into())
-        }
-    };
+    let create =
+        |context: &eframe::CreationContext<'_>| match Viewer::with_document(context, options, document) {
+            Ok(viewer) => Ok(Box::new(viewer) as Box<dyn eframe::App>),
+            Err(error) => {
+                let text = error.to_string();
+                refused = Some(error);
+                Err(text.into())
+            }
+        };
     let closed = eframe::run_native("Relume", native, Box::new(create));
     match (closed, refused) {
         (_, Some(error)) => Err(error),

@@ -1,10 +1,10 @@
 //! How long one waits for the window: from the command to the first picture, to the first indirect light, and from an edit to its picture.
 //!
-//!     RELUME_SCENES=FOLDER cargo bench -p relume-viewer [-- --drawn]
+//!     RELUME_SCENES=FOLDER cargo bench -p relume-viewer [-- --drawn] [--prepared]
 //!
 //! The window is the real one, with its workers, at 60 frames a second. By default nothing draws it; with `--drawn` every frame is drawn by the first adapter that
 //! there is, and read back, and the time of an edit ends when the frame with its picture has been. What showing it on a display takes besides,
-//! `relume view --times` tells.
+//! `relume view --times` tells. `--prepared` waits for full quality.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -38,7 +38,8 @@ fn main() {
     let options = Options { source: Some(source), rig: Some(rig), ..Options::default() };
     let began = Instant::now();
     let mut builder = Harness::builder().with_size([1280.0, 800.0]).with_step_dt(1.0 / 60.0);
-    let drawn = std::env::args().any(|argument| argument == "--drawn");
+    let asked = |name: &str| std::env::args().any(|argument| argument == name);
+    let drawn = asked("--drawn");
     if drawn {
         let state = create_render_state(default_wgpu_setup(), RendererOptions::default());
         println!("drawn by {}", state.adapter.get_info().name);
@@ -55,6 +56,10 @@ fn main() {
     });
     println!("first indirect light: {:.2} s", began.elapsed().as_secs_f64());
     step_until(&mut screen, Viewer::is_settled);
+    if asked("--prepared") {
+        step_until(&mut screen, Viewer::is_prepared);
+        println!("full quality: {:.1} s", began.elapsed().as_secs_f64());
+    }
 
     let light = screen.harness.state().handle().expect("a light that stands somewhere");
     let picture = screen.harness.get_by_label("Picture").rect();

@@ -85,8 +85,10 @@ pub struct Viewer {
     /// Files that are being read, and how many.
     read: (Sender<Read>, Receiver<Read>),
     reading: usize,
-    /// Rigs that were asked for, and rigs that have been there.
+    /// Rigs and maps that were asked for, the newest rig and the newest map that have come, and rigs that have been there.
     asked: u64,
+    newest_rig: u64,
+    newest_map: u64,
     documents: u64,
     /// Images that are being written.
     exports: Vec<Export>,
@@ -162,8 +164,8 @@ pub enum Pane {
 enum Read {
     /// A rig.
     Rig(PathBuf, Result<Box<OpenedRig>>),
-    /// A map, by its whole path, for the dome of that name, or for one that is to be added.
-    Map { map: Result<EnvironmentMap>, dome: Option<String>, document: u64 },
+    /// A map, by its whole path, for the dome of that name, or for one that is to be added; of which rig, and of all files the how manieth it is.
+    Map { map: Result<EnvironmentMap>, dome: Option<String>, document: u64, number: u64 },
     /// Nothing, of a file by which the reader has failed.
     Failed(PathBuf),
 }
@@ -173,7 +175,7 @@ struct OpenedRig {
     document: Document,
     /// What may be lost for it.
     given_up: AnimatedRig,
-    /// Of all rigs that were asked for, the how manieth it is.
+    /// Of all files that were asked for, the how manieth it is.
     number: u64,
 }
 
@@ -226,6 +228,8 @@ impl Viewer {
             read: channel(),
             reading: 0,
             asked: 0,
+            newest_rig: 0,
+            newest_map: 0,
             documents: 0,
             exports: Vec::new(),
             is_dark: false,
@@ -377,9 +381,11 @@ impl Viewer {
             Command::ExportSequence => self.lit.is_some() && self.document.frames().is_some(),
             Command::Undo => self.document.undoes().is_some() || self.document.is_changed(),
             Command::Redo => self.document.redoes().is_some(),
-            Command::Duplicate | Command::Delete | Command::Key | Command::Tool(_) | Command::LookThrough => {
-                self.document.selected.is_some()
-            }
+            Command::Save => self.document.is_changed() || self.document.path().is_none(),
+            Command::Duplicate | Command::Delete | Command::Key => self.document.selected.is_some(),
+            // what is in hand can always be put away
+            Command::Tool(tool) => self.document.selected.is_some() || self.picture.tool == tool,
+            Command::LookThrough => self.document.selected.is_some() || self.picture.inset.is_open,
             Command::Play | Command::FrameBefore | Command::FrameAfter => self.document.frames().is_some(),
             _ => true,
         }

@@ -122,22 +122,28 @@ impl Viewer {
     pub(super) fn take_read(&mut self, read: Read) {
         self.reading -= 1;
         match read {
-            // of two rigs, the one that was asked for last is wanted, whichever comes first
-            Read::Rig(_, Ok(opened)) if opened.number < self.asked => {}
+            // of two files, the one that was asked for last is wanted, whichever comes first
+            Read::Rig(_, Ok(opened)) if opened.number < self.newest_rig => {}
             Read::Rig(path, Ok(opened)) => {
                 if !self.document.is_changed() || self.document.whole() == opened.given_up {
+                    self.newest_rig = opened.number;
                     self.take_rig(&path, opened.document);
                 } else if self.pending.is_none() {
                     self.pending = Some(Pending::Rig(path));
+                } else {
+                    let name = path.display();
+                    self.messages.warn(format!("{name} was not opened: there are unsaved edits"));
                 }
             }
-            Read::Map { map: Ok(map), dome, document } => {
-                if document == self.documents {
-                    self.take_map(&map, dome.as_deref());
-                } else {
+            Read::Map { map: Ok(map), dome, document, number } => {
+                let gone = dome.as_ref().is_some_and(|dome| self.document.place(dome).is_none());
+                if document != self.documents || gone {
                     let name = map.name();
                     self.messages
-                        .warn(format!("{name} was for a rig that is closed now: choose it once more"));
+                        .warn(format!("{name} was for a dome that is not here now: choose it once more"));
+                } else if number > self.newest_map {
+                    self.newest_map = number;
+                    self.take_map(&map, dome.as_deref());
                 }
             }
             Read::Rig(_, Err(error)) | Read::Map { map: Err(error), .. } => self.messages.error(&error),
@@ -217,20 +223,24 @@ impl Viewer {
         let selected = self.document.selected.and_then(|selected| lights.get(selected));
         let dome = selected.filter(is_dome).or_else(|| lights.iter().find(is_dome));
         let (dome, document) = (dome.map(|dome| dome.name.clone()), self.documents);
+        self.asked += 1;
+        let number = self.asked;
         self.read(ctx, path, move |path| {
             let file = std::path::absolute(&path).unwrap_or_else(|_| path.clone());
-            Read::Map { map: read_environment(path, &file.to_string_lossy()), dome, document }
+            Read::Map { map: read_environment(path, &file.to_string_lossy()), dome, document, number }
         });
     }
 
-    /// Gives the dome of that name a map, or adds a dome with it.
+    /// Gives the dome of that name a map, or any that is there by now, or adds a dome with it.
     fn take_map(&mut self, map: &EnvironmentMap, dome: Option<&str>) {
         let folder =
             self.document.path().and_then(Path::parent).and_then(|folder| std::path::absolute(folder).ok());
         let file = Path::new(map.name());
         let name = folder.and_then(|folder| file.strip_prefix(folder).ok().map(Path::to_owned));
         let read = Arc::new(map.renamed(name.unwrap_or(file.to_owned()).to_string_lossy()));
-        self.document.selected = dome.and_then(|dome| self.document.place(dome));
+        let is_dome = |light: &relume::Light| matches!(light.kind, LightKind::Dome { .. });
+        let there = dome.and_then(|dome| self.document.place(dome));
+        self.document.selected = there.or_else(|| self.document.rig.lights.iter().position(is_dome));
         if self.document.selected.is_none() {
             let stage = self.stage();
             self.document.add(NewLight::Dome, stage);

@@ -112,7 +112,8 @@ impl Viewer {
         for (command, key) in Command::keys() {
             // letters alone belong to whoever types, and a value that is dragged to one frame
             let waits = (types && !key.modifiers.any()) || (drags && command.is_of_time());
-            if waits || !self.can(command) || !ctx.input_mut(|input| input.consume_shortcut(&key)) {
+            // taken also where there is nothing to do: else a shorter combination would be
+            if waits || !ctx.input_mut(|input| input.consume_shortcut(&key)) {
                 continue;
             }
             if types && matches!(command, Command::Save | Command::SaveAs | Command::Close) {
@@ -120,7 +121,7 @@ impl Viewer {
                 ctx.memory_mut(|memory| memory.focused().map(|id| memory.surrender_focus(id)));
                 ctx.request_repaint();
                 self.after_typing = Some(command);
-            } else {
+            } else if self.can(command) {
                 self.run(ctx, command);
             }
         }
@@ -129,7 +130,7 @@ impl Viewer {
     /// Goes on playing, where nothing is held.
     fn play(&mut self, ctx: &egui::Context) {
         let Some(playing) = &mut self.playing else { return };
-        let held = ctx.input(|input| input.pointer.any_down()) || ctx.egui_wants_keyboard_input();
+        let held = ctx.input(|input| input.pointer.any_down()) || ctx.text_edit_focused();
         if held {
             // what is dragged or typed is so at one frame
             *playing = Playing::from(self.document.frame());

@@ -18,6 +18,10 @@ use crate::view::View;
 impl Viewer {
     /// Asks the workers for what is to be shown now.
     pub(super) fn order(&mut self, ctx: &egui::Context) {
+        let down = ctx.input(|input| input.pointer.any_down());
+        let rests = down && self.ordered.as_ref().is_some_and(|last| last.dragging);
+        self.shot.iter().for_each(|shot| shot.rest(rests));
+        self.exports.iter().for_each(|export| export.rest(rests));
         let Some(transfer) = &self.transfer else { return };
         let mut rig = shown(self.document.rig.clone(), self.document.solo.as_deref(), transfer);
         rig.exposure = 0.0;
@@ -27,7 +31,6 @@ impl Viewer {
         }
         let per_light = self.looks_at(|view| matches!(view, View::Light(_)));
         let albedo = self.looks_at(|view| *view == View::Albedo);
-        let down = ctx.input(|input| input.pointer.any_down());
         // what moves by itself is shown coarsely as well, so that it is not late
         let moving = down || self.playing.is_some();
         let changed = match &self.ordered {
@@ -37,9 +40,6 @@ impl Viewer {
                 !same || last.per_light != per_light || last.albedo != albedo || (last.dragging && !moving)
             }
         };
-        let rests = down && self.ordered.as_ref().is_some_and(|last| last.dragging);
-        self.shot.iter().for_each(|shot| shot.rest(rests));
-        self.exports.iter().for_each(|export| export.rest(rests));
         if changed {
             let moved = self.ordered.as_ref().is_some_and(|last| last.rig != rig);
             // what follows a drag is the full frame of the same edit, which was on the screen before

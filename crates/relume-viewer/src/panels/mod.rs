@@ -8,7 +8,7 @@ mod lights;
 mod surfaces;
 mod timeline;
 
-use eframe::egui::{DragValue, Response, Role, Ui, WidgetInfo};
+use eframe::egui::{DragValue, Event, Key, Response, Role, Ui, WidgetInfo};
 
 pub(crate) use bars::{exports, messages, probe_text, status};
 pub(crate) use color::Measure;
@@ -34,11 +34,27 @@ pub(crate) fn exact(
     let before = *value;
     let drag = DragValue::new(&mut *value).clamp_existing_to_range(false).max_decimals(decimals);
     let response = ui.add(how(drag));
-    let shown = |value: f32| format!("{value:.decimals$}");
-    if response.lost_focus() && shown(*value) == shown(before) {
+    let id = response.id.with("typed");
+    if response.gained_focus() {
+        ui.data_mut(|data| data.remove::<bool>(id));
+    }
+    if (response.has_focus() || response.lost_focus()) && ui.input(|input| input.events.iter().any(types)) {
+        ui.data_mut(|data| data.insert_temp(id, true));
+    }
+    if response.lost_focus() && !ui.data_mut(|data| data.remove_temp::<bool>(id)).unwrap_or(false) {
         *value = before;
     }
     response
+}
+
+/// Whether an event changes a text.
+fn types(event: &Event) -> bool {
+    let erases = |key: &Key| matches!(key, Key::Backspace | Key::Delete);
+    match event {
+        Event::Text(_) | Event::Paste(_) | Event::Cut | Event::Ime(_) => true,
+        Event::Key { key, pressed, .. } => *pressed && erases(key),
+        _ => false,
+    }
 }
 
 /// A small button that takes something away; whether it was clicked.

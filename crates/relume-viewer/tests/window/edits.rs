@@ -323,6 +323,20 @@ fn what_emits_is_dimmed_and_reset() {
     assert_eq!(window.layers().full(), lit);
 }
 
+/// The longer of two combinations is not taken for the shorter one where there is nothing for it to do.
+#[test]
+fn a_key_without_anything_to_do_does_nothing() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    window.choose("Add", "Omni");
+    window.settle();
+    let rig = window.rig().clone();
+    window.key(Modifiers::COMMAND | Modifiers::SHIFT, Key::Z);
+    assert_eq!(*window.rig(), rig, "there was nothing to do again, and nothing was undone");
+    window.key(Modifiers::COMMAND | Modifiers::SHIFT, Key::E);
+    assert!(!window.is_said("Export the image"), "nothing moves");
+}
+
 /// A number is shown with a few digits, and keeps the others when its field is only looked into.
 #[test]
 fn a_field_that_is_left_as_it_was_keeps_its_digits() {
@@ -342,4 +356,15 @@ fn a_field_that_is_left_as_it_was_keeps_its_digits() {
     window.settle();
     assert_eq!(window.rig().exposure, 0.123_456);
     assert!(!window.harness.ctx.egui_wants_keyboard_input());
+    // what is typed is taken as it is, also where it looks the same
+    window.harness.hover_at(field);
+    window.harness.drag_at(field);
+    window.harness.drop_at(field);
+    window.harness.run_steps(4);
+    window.key(Modifiers::COMMAND, Key::A);
+    window.harness.event(eframe::egui::Event::Text("0.12".to_owned()));
+    window.harness.run_steps(2);
+    window.key(Modifiers::NONE, Key::Enter);
+    window.settle();
+    assert_eq!(window.rig().exposure, 0.12);
 }

@@ -396,6 +396,26 @@ fn what_comes_late_is_not_taken_for_something_else() {
     assert_eq!(*window.rig(), rig);
 }
 
+/// Two maps, dropped at once, are for one dome, and the second one is what it has.
+#[test]
+fn the_second_of_two_maps_takes_the_place_of_the_first() {
+    let folder = folder();
+    let mut window = Window::open(folder.path());
+    let lights = window.rig().lights.len();
+    let second = folder.path().join("second.hdr");
+    std::fs::copy(folder.path().join("arcade_sky.hdr"), &second).unwrap();
+    drop_file(&mut window, folder.path().join("arcade_sky.hdr"));
+    drop_file(&mut window, second);
+    window.until("both", |viewer| !viewer.is_reading());
+    window.settle();
+    assert_eq!(window.rig().lights.len(), lights + 1);
+    let map = window.rig().lights.iter().find_map(|light| match &light.kind {
+        relume::LightKind::Dome { map: Some(map), .. } => Some(map.name().to_owned()),
+        _ => None,
+    });
+    assert_eq!(map.as_deref(), Some("second.hdr"));
+}
+
 #[test]
 fn a_map_of_the_rig_is_not_written_over() {
     let folder = folder();

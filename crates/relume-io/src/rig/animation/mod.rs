@@ -56,7 +56,8 @@ impl AnimatedRig {
     /// As [`parse_rig`](super::parse_rig).
     pub fn parse_beside(text: impl Into<String>, path: impl AsRef<Path>, known: &Self) -> Result<Self> {
         let mut animated = Self::unread(text.into(), path.as_ref());
-        if std::path::absolute(animated.folder()).ok() == std::path::absolute(known.folder()).ok() {
+        let folder = |path: &Path| Some(std::path::absolute(path).ok()?.parent()?.to_owned());
+        if folder(&animated.path) == folder(&known.path) {
             animated.maps.clone_from(&known.maps);
         }
         match animated.read() {

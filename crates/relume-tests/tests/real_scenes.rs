@@ -1,7 +1,7 @@
 //! Real scenes, where they are at hand.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use relume::glam::Vec3;
 use relume::reference::{Paths, Settings as ReferenceSettings};
@@ -12,7 +12,7 @@ use relume::transfer::{Quality, Settings};
 use relume::{LightRig, Scene};
 use relume_tests::prepared::{mean, prepare, relight_afresh};
 use relume_tests::scenes::{TestScene, omni, rig};
-use relume_tests::truth::{trace, trace_bounces, unbiased_relative_l2};
+use relume_tests::truth::{Truth, trace, trace_bounces, unbiased_relative_l2};
 
 fn load(name: &str) -> Option<TestScene> {
     let folder = std::env::var_os("RELUME_SCENES")
@@ -61,40 +61,65 @@ const CORNELL_DIRECT: f64 = 0.025;
 /// Measured 0.087, 0.081 and 0.078 at 1, 2 and 4 bounces; most of it is a draft's rows.
 const CORNELL_INDIRECT: f64 = 0.13;
 
-/// Each of two lights of rigs in `assets/rigs`, after two bounces and pixel by pixel, within its bound of the path tracer; the other's image
-/// must not be.
-fn two_lights_agree(
-    built: &TestScene,
-    settings: Settings,
-    rig_files: [&str; 2],
-    names: [&str; 2],
-    spp: u32,
-    bounds: [f64; 2],
-) {
-    let (width, height) = settings.size;
-    let paths = if settings.glossy { Paths::Transfer } else { Paths::DiffuseTransfer };
-    let traced = ReferenceSettings { width, height, spp, aa: 1, paths, ..ReferenceSettings::default() };
-    let transfer = Arc::new(prepare(built, settings));
-    let light = |which: usize| {
-        let path = format!("{}/../../assets/rigs/{}", env!("CARGO_MANIFEST_DIR"), rig_files[which]);
-        let all = relume_io::load_rig(path).expect("a rig that can be read");
-        let lights: Vec<_> = all.lights.into_iter().filter(|light| light.name == names[which]).collect();
-        assert_eq!(lights.len(), 1, "{}", names[which]);
-        LightRig { lights, ..LightRig::default() }
-    };
-    let lights = [0, 1].map(light);
-    let relight = RelightSettings { bounces: Some(2), aa: 1, ..RelightSettings::default() };
-    let images = lights.each_ref().map(|lights| relight_afresh(&transfer, lights, &relight).indirect);
-    for (light, lights) in lights.iter().enumerate() {
+/// Two lights of rigs in `assets/rigs`, and their indirect light after two bounces.
+struct TwoLights {
+    lights: [LightRig; 2],
+    names: [&'static str; 2],
+    size: (usize, usize),
+    truths: [Truth; 2],
+}
+
+impl TwoLights {
+    fn trace(
+        built: &TestScene,
+        (rig_files, names): ([&str; 2], [&'static str; 2]),
+        size: (usize, usize),
+        paths: Paths,
+    ) -> Self {
+        let light = |which: usize| {
+            let path = format!("{}/../../assets/rigs/{}", env!("CARGO_MANIFEST_DIR"), rig_files[which]);
+            let all = relume_io::load_rig(path).expect("a rig that can be read");
+            let lights: Vec<_> = all.lights.into_iter().filter(|light| light.name == names[which]).collect();
+            assert_eq!(lights.len(), 1, "{}", names[which]);
+            LightRig { lights, ..LightRig::default() }
+        };
+        let lights = [0, 1].map(light);
         let TestScene { scene, geometry, accel } = built;
-        let truth =
-            trace_bounces(scene, geometry, accel, lights, &traced, &[Some(2)], &()).expect("valid settings");
-        let [right, wrong] =
-            [light, 1 - light].map(|image| unbiased_relative_l2(&images[image], &truth.indirect[0]));
-        println!("{}: indirect {right:.4}, the other's image {wrong:.4}", names[light]);
-        assert!(right < bounds[light], "{right}");
-        assert!(wrong > bounds[light], "{wrong}");
+        let (width, height) = size;
+        let traced = ReferenceSettings { width, height, spp: 64, aa: 1, paths, ..Default::default() };
+        let truths = lights.each_ref().map(|lights| {
+            let truths = trace_bounces(scene, geometry, accel, lights, &traced, &[Some(2)], &());
+            truths.expect("valid settings").indirect.remove(0)
+        });
+        Self { lights, names, size, truths }
     }
+
+    /// Each light, relit, is pixel by pixel within its bound of the path tracer; the other's image must not be.
+    fn agree(&self, built: &TestScene, settings: Settings, bounds: [f64; 2]) {
+        assert_eq!(settings.size, self.size);
+        let transfer = Arc::new(prepare(built, settings));
+        let relight = RelightSettings { bounces: Some(2), aa: 1, ..RelightSettings::default() };
+        let images =
+            self.lights.each_ref().map(|lights| relight_afresh(&transfer, lights, &relight).indirect);
+        for (light, truth) in self.truths.iter().enumerate() {
+            let [right, wrong] = [light, 1 - light].map(|image| unbiased_relative_l2(&images[image], truth));
+            println!("{}: indirect {right:.4}, the other's image {wrong:.4}", self.names[light]);
+            assert!(right < bounds[light], "{right}");
+            assert!(wrong > bounds[light], "{wrong}");
+        }
+    }
+}
+
+/// Sponza's by its own spot and its omni, without reflections: once for all tests.
+fn sponza() -> Option<&'static (TestScene, TwoLights)> {
+    static SPONZA: OnceLock<Option<(TestScene, TwoLights)>> = OnceLock::new();
+    let make = || {
+        let built = load("sponza.glb")?;
+        let lights = (["sponza/key.toml", "sponza/omni.toml"], ["key", "omni"]);
+        let lights = TwoLights::trace(&built, lights, (160, 120), Paths::DiffuseTransfer);
+        Some((built, lights))
+    };
+    SPONZA.get_or_init(make).as_ref()
 }
 
 /// The demo's scene, which is always at hand, in blocks that are several runs of points.
@@ -103,7 +128,8 @@ fn the_arcade_agrees_with_the_path_tracer() {
     let built = built(concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/arcade.glb").as_ref());
     let settings =
         Settings { size: (240, 180), gather: 16_384, quality: Quality::Standard, ..Settings::default() };
-    two_lights_agree(&built, settings, ["arcade.toml"; 2], ["sun", "statue"], 64, ARCADE_INDIRECT);
+    let lights = (["arcade.toml"; 2], ["sun", "statue"]);
+    TwoLights::trace(&built, lights, settings.size, Paths::Transfer).agree(&built, settings, ARCADE_INDIRECT);
 }
 
 /// Measured 0.102 for the sun and 0.184 for the spot on the statue.
@@ -112,10 +138,9 @@ const ARCADE_INDIRECT: [f64; 2] = [0.13, 0.23];
 /// Without reflections. With them the spot is off by 0.21 at this size, most of it where surfaces are seen at a grazing angle.
 #[test]
 fn sponza_agrees_with_the_path_tracer() {
-    let Some(built) = load("sponza.glb") else { return };
+    let Some((built, lights)) = sponza() else { return };
     let settings = Settings { size: (160, 120), gather: 16_384, glossy: false, ..Settings::default() };
-    let rigs = ["sponza/key.toml", "sponza/omni.toml"];
-    two_lights_agree(&built, settings, rigs, ["key", "omni"], 64, SPONZA_INDIRECT);
+    lights.agree(built, settings, SPONZA_INDIRECT);
 }
 
 /// Measured 0.088 for the spot and 0.079 for the omni.
@@ -124,7 +149,7 @@ const SPONZA_INDIRECT: [f64; 2] = [0.12, 0.11];
 /// The first step of a preparation, at a quarter of the size along each side.
 #[test]
 fn sponza_is_known_at_a_glance() {
-    let Some(built) = load("sponza.glb") else { return };
+    let Some((built, lights)) = sponza() else { return };
     let settings = Settings {
         size: (160, 120),
         gather: 4096,
@@ -133,8 +158,7 @@ fn sponza_is_known_at_a_glance() {
         glossy: false,
         ..Settings::default()
     };
-    let rigs = ["sponza/key.toml", "sponza/omni.toml"];
-    two_lights_agree(&built, settings, rigs, ["key", "omni"], 64, GLANCE_INDIRECT);
+    lights.agree(built, settings, GLANCE_INDIRECT);
 }
 
 /// Measured 0.278 for the spot and 0.203 for the omni.

@@ -262,7 +262,15 @@ impl eframe::egui::DroppedFile for Dropped {
     }
 }
 
+/// Drops a file on the window, and waits until it is read.
 fn drop_file(window: &mut Window, path: std::path::PathBuf) {
+    drop_late(window, path);
+    window.until("the file", |viewer| !viewer.is_reading());
+    window.harness.run_steps(2);
+}
+
+/// Drops a file that comes later.
+fn drop_late(window: &mut Window, path: std::path::PathBuf) {
     window.harness.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path)));
     window.harness.step();
     window.harness.input_mut().dropped_files.clear();
@@ -333,7 +341,6 @@ fn what_was_open_lately_is_opened_again() {
     window.choose("File", "Save rig as");
     window.answer(&folder.path().join("mine.toml"));
     drop_file(&mut window, other.clone());
-    window.until("the other rig", |viewer| !viewer.is_reading());
     window.click("sun");
     window.key(Modifiers::NONE, Key::Delete);
     window.key(Modifiers::COMMAND, Key::S);
@@ -355,7 +362,7 @@ fn a_rig_that_comes_late_asks_before_it_takes_the_place_of_edits() {
     let late = folder.path().join("late.toml");
     assert!(std::process::Command::new("mkfifo").arg(&late).status().unwrap().success());
     let text = std::fs::read_to_string(folder.path().join("arcade.toml")).unwrap();
-    drop_file(&mut window, late.clone());
+    drop_late(&mut window, late.clone());
     assert!(window.harness.state().is_reading() && window.is_said("reading a file"));
     window.click("Enable sun");
     window.settle();
@@ -384,9 +391,9 @@ fn what_comes_late_is_not_taken_for_something_else() {
     let text = std::fs::read_to_string(folder.path().join("arcade.toml")).unwrap();
     let newer = folder.path().join("newer.toml");
     std::fs::write(&newer, text.replace("exposure = 0.0", "exposure = 1.0")).unwrap();
-    drop_file(&mut window, map.clone());
-    drop_file(&mut window, late.clone());
-    drop_file(&mut window, newer);
+    drop_late(&mut window, map.clone());
+    drop_late(&mut window, late.clone());
+    drop_late(&mut window, newer);
     window.until("the newer rig", |viewer| viewer.rig().exposure == 1.0);
     let rig = window.rig().clone();
     std::fs::write(&late, &text).unwrap();
@@ -404,9 +411,8 @@ fn the_second_of_two_maps_takes_the_place_of_the_first() {
     let lights = window.rig().lights.len();
     let second = folder.path().join("second.hdr");
     std::fs::copy(folder.path().join("arcade_sky.hdr"), &second).unwrap();
-    drop_file(&mut window, folder.path().join("arcade_sky.hdr"));
+    drop_late(&mut window, folder.path().join("arcade_sky.hdr"));
     drop_file(&mut window, second);
-    window.until("both", |viewer| !viewer.is_reading());
     window.settle();
     assert_eq!(window.rig().lights.len(), lights + 1);
     let map = window.rig().lights.iter().find_map(|light| match &light.kind {
@@ -426,7 +432,6 @@ fn a_map_of_the_rig_is_not_written_over() {
     relume_io::write_exr_image(&sky, &image, &relume_io::ExrMeta::default()).unwrap();
     let before = std::fs::read(&sky).unwrap();
     drop_file(&mut window, sky.clone());
-    window.until("the map", |viewer| !viewer.is_reading());
     window.settle();
     window.choose("File", "Export image");
     window.answer(&sky);

@@ -149,6 +149,7 @@ impl Window {
         line.set_text_value_accesskit(&path.display().to_string());
         self.harness.run_steps(2);
         self.click("OK");
+        self.until("the file", |viewer| !viewer.is_reading());
         self.harness.run_steps(2);
     }
 

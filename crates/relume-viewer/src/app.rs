@@ -16,6 +16,7 @@ use eframe::egui;
 use eframe::egui::SurrenderFocusOn;
 use relume::glam::Vec3;
 use relume::image::Image;
+use relume::relight::FrameStats;
 use relume::scene::EnvironmentMap;
 use relume::transfer::{Report, Settings};
 use relume::{Error, LightRig, Result, Scene, Transfer};
@@ -127,6 +128,8 @@ pub struct Viewer {
     printed: u64,
     /// What is on the screen.
     print: Option<(Arc<egui::ColorImage>, Option<Arc<egui::ColorImage>>)>,
+    /// What developing that took.
+    developing: Duration,
     /// How often the window was drawn.
     drawn: u64,
     /// From edits to their pictures, the newest last.
@@ -257,6 +260,7 @@ impl Viewer {
             negatives: 0,
             printed: 0,
             print: None,
+            developing: Duration::ZERO,
             drawn: 0,
             latencies: Vec::new(),
             looking: through::start(wake()).map_err(threads)?,
@@ -465,6 +469,11 @@ impl Viewer {
     /// The last picture's direct and indirect light, and whether it is a coarse one; `None` before the first.
     pub fn picture(&self) -> Option<(&relume::image::Layers, bool)> {
         self.lit.as_deref().map(|lit| (&lit.layers, lit.preview))
+    }
+
+    /// What the last picture took: relighting it, and developing it for the screen.
+    pub fn work(&self) -> Option<(&FrameStats, Duration)> {
+        self.lit.as_deref().map(|lit| (&lit.stats, self.developing))
     }
 
     /// Display pixels as they were shown last; the right ones are there where a wipe is.

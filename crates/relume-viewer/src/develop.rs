@@ -1,6 +1,7 @@
 //! The worker that makes of light what a display is sent: exposure, tone curve, false colours, histogram.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use eframe::egui::{Color32, ColorImage};
 use rayon::prelude::*;
@@ -57,6 +58,8 @@ pub(crate) struct Print {
     pub(crate) right: Option<Arc<ColorImage>>,
     /// Of the left one.
     pub(crate) histogram: Histogram,
+    /// What developing took.
+    pub(crate) took: Duration,
 }
 
 /// The worker.
@@ -74,6 +77,7 @@ pub(crate) fn start(wake: impl Fn() + Send + Sync + 'static) -> std::io::Result<
 impl Recipe {
     /// Develops a frame.
     pub(crate) fn print(&self, frame: &Arc<Frame>) -> Print {
+        let began = Instant::now();
         let size = [frame.layers.direct.width, frame.layers.direct.height];
         let developed = |view: &View| {
             let source = self.source(view, frame);
@@ -85,7 +89,7 @@ impl Recipe {
         };
         let (left, histogram) = developed(&self.left);
         let right = self.right.as_ref().map(|right| Arc::new(developed(right).0));
-        Print { left: left.into(), right, histogram }
+        Print { left: left.into(), right, histogram, took: began.elapsed() }
     }
 
     fn source(&self, view: &View, frame: &Arc<Frame>) -> Option<Source> {

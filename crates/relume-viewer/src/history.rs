@@ -77,21 +77,24 @@ impl History {
 
     /// Goes to the rig before the last step, if there was one.
     pub(crate) fn undo(&mut self) -> bool {
-        let step = self.undo.pop();
-        let (now, redo) = (&mut self.now, &mut self.redo);
-        self.revision += u64::from(step.is_some());
-        let back = step.map(|Step { name, rig }| redo.push(Step { name, rig: std::mem::replace(now, rig) }));
-        back.is_some()
+        let goes = swap(&mut self.now, &mut self.undo, &mut self.redo);
+        self.revision += u64::from(goes);
+        goes
     }
 
     /// Goes to the rig after the step that was undone last, if there was one.
     pub(crate) fn redo(&mut self) -> bool {
-        let step = self.redo.pop();
-        let (now, undo) = (&mut self.now, &mut self.undo);
-        self.revision += u64::from(step.is_some());
-        let on = step.map(|Step { name, rig }| undo.push(Step { name, rig: std::mem::replace(now, rig) }));
-        on.is_some()
+        let goes = swap(&mut self.now, &mut self.redo, &mut self.undo);
+        self.revision += u64::from(goes);
+        goes
     }
+}
+
+/// Takes a step `from` one side, and puts what leads back on the other. Whether there was one.
+fn swap(now: &mut AnimatedRig, from: &mut Vec<Step>, to: &mut Vec<Step>) -> bool {
+    let Some(Step { name, rig }) = from.pop() else { return false };
+    to.push(Step { name, rig: std::mem::replace(now, rig) });
+    true
 }
 
 #[cfg(test)]

@@ -91,6 +91,7 @@ impl Viewer {
     }
 
     fn show(&mut self, ctx: &egui::Context, print: Print) {
+        self.developing = print.took;
         self.histogram = Some(print.histogram.clone());
         self.print = Some((Arc::clone(&print.left), print.right.clone()));
         self.picture.take(ctx, print);

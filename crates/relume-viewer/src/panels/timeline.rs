@@ -181,7 +181,7 @@ pub(crate) fn motion(ui: &mut Ui, document: &mut Document) {
         .filter(|curve| shown(&curve.field.of))
         .map(|curve| {
             let keyed = curve.frames.contains(&frame);
-            (curve.field.clone(), curve.interpolation, keyed, curve.blends())
+            (curve.field.clone(), curve.interpolation, keyed, curve.blends)
         })
         .collect();
     for (field, interpolation, keyed, blends) in curves {

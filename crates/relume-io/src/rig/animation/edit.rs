@@ -43,15 +43,10 @@ pub struct Curve<'a> {
     pub field: Field,
     /// What lies between two keys.
     pub interpolation: Interpolation,
+    /// Whether it can be interpolated: numbers can, text, true and false only step.
+    pub blends: bool,
     /// The keyed frames, ascending, at least one.
     pub frames: &'a [i32],
-}
-
-impl Curve<'_> {
-    /// Whether the values can be interpolated: numbers can, text, true and false only step.
-    pub fn blends(&self) -> bool {
-        ![MAP, "enabled"].contains(&self.field.key.as_str())
-    }
 }
 
 impl AnimatedRig {
@@ -67,7 +62,12 @@ impl AnimatedRig {
     pub fn curves(&self) -> impl Iterator<Item = Curve<'_>> {
         self.tracks.iter().filter_map(|track| {
             let field = Field { of: self.subject(track.place)?, key: track.field.clone() };
-            Some(Curve { field, interpolation: track.interpolation, frames: &track.frames })
+            Some(Curve {
+                field,
+                interpolation: track.interpolation,
+                blends: track.blends(),
+                frames: &track.frames,
+            })
         })
     }
 
@@ -265,10 +265,7 @@ impl PartialEq for AnimatedRig {
 impl Track {
     /// A field with one key.
     fn new(place: Place, field: &str, frame: i32, value: Value) -> Self {
-        let interpolation = match value {
-            Value::Number(_) | Value::List(_) => Interpolation::Smooth,
-            _ => Interpolation::Step,
-        };
+        let interpolation = Interpolation::default_of(&value);
         let values = vec![Item { offset: 0, value }];
         Self { place, field: field.to_owned(), offset: 0, interpolation, frames: vec![frame], values }
     }

@@ -1,26 +1,10 @@
 use relume::glam::Vec3;
 use relume::{Light, LightKind, LightRig};
 
+use super::tests::AT_REST;
 use super::*;
 
-const RIG: &str = r#"# a comment
-exposure = 0.5
-[[light]]
-name = "key"
-type = "spot"
-target = [0.0, 0.0, 0.0]
-intensity = [60.0, 55.0, 50.0]
-inner_angle = 20
-outer_angle = 30.0
-[[light]]
-name = "fill"
-type = "omni"
-position = [0, 1, 0]
-intensity = [1, 2, 3]
-[[material]]
-name = "wall"
-base_color = [0.5, 0.5, 0.5]
-[[animate]]
+const TRACKS: &str = r#"[[animate]]
 light = "key"
 field = "position"
 frames = [1, 5, 9]
@@ -39,7 +23,7 @@ values = [[0, 0, 0], [1, 1, 1]]
 "#;
 
 fn animated() -> AnimatedRig {
-    AnimatedRig::parse(RIG, "rig.toml").unwrap()
+    AnimatedRig::parse(format!("# a comment\n{AT_REST}{TRACKS}"), "rig.toml").unwrap()
 }
 
 fn field(of: Subject, key: &str) -> Field {
@@ -144,6 +128,7 @@ fn curves_follow_their_lights() {
     let mut fewer = now.clone();
     fewer.lights.remove(0);
     fewer.materials.clear();
+    fewer.emitters.clear();
     let fewer = rig.edited(5, &fewer).unwrap();
     assert_eq!(fewer.curves().map(|curve| curve.field).collect::<Vec<_>>(), [light("fill", "enabled")]);
     let mut other = now;
@@ -203,11 +188,11 @@ fn fields_that_can_move_are_known() {
     let (key, fill) = (Subject::Light("key".to_owned()), Subject::Light("fill".to_owned()));
     assert_eq!(keys(&fill), ["position", "intensity", "radius"], "it is switched on and off already");
     assert!(keys(&Subject::Material("wall".to_owned())).is_empty());
-    assert!(keys(&Subject::Emitter("lamp".to_owned())).is_empty());
+    assert!(keys(&Subject::Emitter("gone".to_owned())).is_empty());
     for field in rig.resting(&[Subject::Rig, key, fill], 1) {
         let keyed = rig.keyed(&field, 2).unwrap();
         let curve = keyed.curves().find(|curve| curve.field == field).unwrap();
-        assert_eq!(curve.blends(), curve.interpolation != Interpolation::Step, "{field:?}");
+        assert_eq!(curve.blends, curve.interpolation != Interpolation::Step, "{field:?}");
         assert!(!keyed.resting(std::slice::from_ref(&field.of), 1).contains(&field));
     }
 }

@@ -1,10 +1,13 @@
+use std::sync::LazyLock;
+
 use relume::glam::Vec3;
 use relume::{Light, LightKind};
 
 use super::*;
 use crate::rig::{load_rig, parse_rig};
 
-const RIG: &str = r#"exposure = 0.5
+/// Lights, an emitter and a material at rest; the position of `key` is left to what moves it.
+pub(super) const AT_REST: &str = r#"exposure = 0.5
 [[light]]
 name = "key"
 type = "spot"
@@ -23,7 +26,9 @@ scale = [1, 1, 1]
 [[material]]
 name = "wall"
 base_color = [0.5, 0.5, 0.5]
-[[animate]]
+"#;
+
+const TRACKS: &str = r#"[[animate]]
 light = "key"
 field = "position"
 frames = [1, 5, 9]
@@ -51,6 +56,8 @@ frames = [10]
 values = [[0.1, 0.2, 0.3]]
 "#;
 
+static RIG: LazyLock<String> = LazyLock::new(|| format!("{AT_REST}{TRACKS}"));
+
 fn animated(text: &str) -> AnimatedRig {
     AnimatedRig::parse(text, "rig.toml").unwrap()
 }
@@ -64,7 +71,7 @@ fn position(light: &Light) -> Vec3 {
 
 #[test]
 fn every_kind_of_field_moves() {
-    let animated = animated(RIG);
+    let animated = animated(&RIG);
     assert_eq!(animated.frames(), Some(-2..=10));
     let at = |frame: f64| animated.rig(frame).unwrap();
     // bit for bit what is written at the keys, and there outside of them
@@ -90,7 +97,7 @@ fn every_kind_of_field_moves() {
 fn other_commands_read_the_first_keyed_frame() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rig.toml");
-    std::fs::write(&path, RIG).unwrap();
+    std::fs::write(&path, &**RIG).unwrap();
     let animated = AnimatedRig::load(&path).unwrap();
     assert_eq!(load_rig(&path).unwrap(), animated.rig(-2.0).unwrap());
     assert_ne!(load_rig(&path).unwrap(), animated.rig(0.0).unwrap());
@@ -289,7 +296,7 @@ fn problems_are_told_with_their_line() {
             "line 32: `interpolation` must be \"smooth\", \"linear\" or \"step\", not one number",
         ),
         (
-            format!("{RIG}[[animate]]\nfield = \"exposure\"\nframes = [1]\nvalues = [1]\n"),
+            format!("{}[[animate]]\nfield = \"exposure\"\nframes = [1]\nvalues = [1]\n", *RIG),
             "line 47: an earlier [[animate]] has this `exposure` too; keep one of them",
         ),
         // of the values themselves the ordinary reader says what is wrong, at any key

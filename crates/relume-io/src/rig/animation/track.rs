@@ -82,6 +82,11 @@ impl Track {
         Entry { key: self.field.clone(), offset: key.offset, value }
     }
 
+    /// Whether its values can be interpolated.
+    pub(super) fn blends(&self) -> bool {
+        self.values.first().and_then(|item| Shape::of(&item.value)).is_none_or(Shape::blends)
+    }
+
     /// Whether the value at `offset` is that of a key at `frame`.
     pub(super) fn is_written(&self, frame: f64, offset: usize) -> bool {
         let key = key_before(&self.frames, frame);
@@ -111,6 +116,13 @@ impl Shape {
 
     fn blends(self) -> bool {
         matches!(self, Self::Number | Self::Numbers(_))
+    }
+}
+
+impl Interpolation {
+    /// How a field of such values goes from key to key where nothing else is said.
+    pub(super) fn default_of(value: &Value) -> Self {
+        if Shape::of(value).is_none_or(Shape::blends) { Self::Smooth } else { Self::Step }
     }
 }
 
@@ -328,7 +340,9 @@ impl Reader<'_> {
     fn interpolation(&mut self, table: &Table, values: &[Item]) -> Option<Interpolation> {
         let blends = values.first().and_then(|item| Shape::of(&item.value)).is_none_or(Shape::blends);
         let Some(entry) = table.find("interpolation") else {
-            return Some(if blends { Interpolation::Smooth } else { Interpolation::Step });
+            return Some(
+                values.first().map_or(Interpolation::Smooth, |item| Interpolation::default_of(&item.value)),
+            );
         };
         let choice = "\"smooth\", \"linear\" or \"step\"";
         let Some(written) = entry.value.text() else {

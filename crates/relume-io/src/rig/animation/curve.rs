@@ -38,6 +38,9 @@ pub(super) fn value_at(
     let Some(&next) = frames.get(before + 1) else { return from };
     let width = f64::from(next) - f64::from(frames[before]);
     let t = ((frame - f64::from(frames[before])) / width).clamp(0.0, 1.0);
+    if t == 0.0 {
+        return from; // whatever the next key has, which may be no finite number
+    }
     let rise = keys(before + 1) - from;
     let value = match interpolation {
         Interpolation::Step => return from,
@@ -72,7 +75,8 @@ fn slope_at(frames: &[i32], keys: &dyn Fn(usize) -> f64, key: usize) -> f64 {
         return 0.0;
     }
     let steepest = 3.0 * left.abs().min(right.abs());
-    (0.5 * (left + right)).clamp(-steepest, steepest)
+    // unlike a clamp, these take a steepest slope that is no number, as of keys that are none
+    (0.5 * (left + right)).max(-steepest).min(steepest)
 }
 
 #[cfg(test)]
@@ -103,6 +107,26 @@ mod tests {
     fn lines_are_straight_and_steps_are_flat() {
         assert_eq!([-2.0, -1.0, 0.5].map(|frame| at(Interpolation::Linear, frame)), [0.25, 0.5, 0.875]);
         assert_eq!([-2.0, 0.99, 9.99].map(|frame| at(Interpolation::Step, frame)), [0.0, 0.0, 1.0]);
+    }
+
+    /// Files may have them, and are refused for them only once they are read.
+    #[test]
+    fn keys_that_are_no_finite_numbers_are_hit_and_leave_the_others() {
+        for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            for place in 0..4 {
+                let mut keys = [1.0, 2.0, 4.0, 3.0];
+                keys[place] = odd;
+                for interpolation in Interpolation::ALL {
+                    let at = |frame: f64| value_at(interpolation, &[0, 2, 4, 6], &|key| keys[key], frame);
+                    for (key, value) in keys.into_iter().enumerate() {
+                        let hit = at(2.0 * key as f64);
+                        assert!(hit == value || (hit.is_nan() && value.is_nan()), "{interpolation:?}: {hit}");
+                    }
+                    // between keys there is no right value, but there is an answer
+                    [1.0, 3.0, 5.0, 9.0].map(at);
+                }
+            }
+        }
     }
 
     /// Between two keys a smooth curve goes one way and stays between their values.

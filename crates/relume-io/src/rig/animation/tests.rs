@@ -316,6 +316,14 @@ fn problems_are_told_with_their_line() {
             changed("[2.0, 0.5, 0.3]", "\n[2.0, inf, 0.3]"),
             "line 25: at frame 9: `position` must be three finite numbers; inf is none",
         ),
+        (
+            changed("[2.0, 4.0, 0.2]", "\n[2.0, nan, 0.2]"),
+            "line 25: at frame 5: `position` must be three finite numbers; NaN is none",
+        ),
+        (
+            changed("[0.0, 4.0, 0.1]", "\n[0.0, -inf, 0.1]"),
+            "line 25: at frame -2: `position` must be three finite numbers; -inf is none",
+        ),
         // also where another field of the light has a key in between
         (
             changed("[1, 3]", "[1, 8]").replace("[1, 2, 3]", "[1, 2, 3]\nradius = 1").replace(

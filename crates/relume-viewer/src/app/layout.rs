@@ -15,7 +15,7 @@ use crate::document::NewLight;
 use crate::panels::{self, MapWish, Playing};
 use crate::picture::{Around, Tool};
 use crate::preferences::Curve;
-use crate::shot::Shot;
+use crate::shot::{Shot, Stage};
 use crate::view::{PLAIN, View};
 
 /// Longest that a window which closes waits for an image to be written.
@@ -439,7 +439,7 @@ impl Viewer {
             anchor: self.stage().center,
             names: [self.pane_name(0), self.pane_name(1)],
             in_stops: self.views[0] == View::Luminance,
-            is_open: self.shot.is_some(),
+            is_open: self.shot.as_ref().is_some_and(|shot| shot.stage() != Stage::Stopped),
             eye: self.eye(),
         };
         self.picture.ui(ui, &mut self.document, &around);

@@ -178,7 +178,8 @@ pub(crate) fn probe_text(lit: &Frame, (column, row): (usize, usize)) -> Option<S
     let Layers { direct, indirect, .. } = &lit.layers;
     let (direct, indirect) = (*direct.pixels.get(index)?, *indirect.pixels.get(index)?);
     let full = direct + indirect;
-    let number = |value: f32| format!("{value:.4}");
+    // what is rounded away has no sign
+    let number = |value: f32| format!("{:.4}", if value.abs() < 5e-5 { 0.0 } else { value });
     let rgb = |color: relume::glam::Vec3| color.to_array().map(number).join(" ");
     let mut text =
         format!("{column}, {row}   full {}   direct {}   indirect {}", rgb(full), rgb(direct), rgb(indirect));

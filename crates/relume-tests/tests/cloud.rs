@@ -455,7 +455,7 @@ fn coarse_light_has_the_rim_of_a_spot_and_none_of_it_in_shadow() {
     let power = |lid: bool, detail: Detail| {
         let (built, light) = beneath_a_spot(lid);
         let (cloud, _) = gather(&built, 1024, 3).unwrap();
-        let lit = illuminate_with(&cloud, &built.accel, &light, detail);
+        let lit = illuminate_with(&cloud, None, &built.accel, &light, detail);
         let floor = cloud.surfaces().iter().zip(&lit.radiance).filter(|(sample, _)| sample.position.y < 1.0);
         (floor.map(|(sample, radiance)| sample.area * radiance.x).sum::<f32>(), lit.shadow_rays)
     };

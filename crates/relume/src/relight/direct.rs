@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::RelightSettings;
 use crate::sample::{Chains, ViewGrid, ViewSample, ViewSamples};
 use crate::scene::Light;
-use crate::shade::{self, Dome, PreparedLight};
+use crate::shade::{self, Dome, PointGroup, PreparedLight};
 use crate::trace::sampling::{hash, sobol_2d};
 use crate::trace::{Accel, Ray};
 
@@ -14,7 +14,9 @@ use crate::trace::{Accel, Ray};
 const SOFT_RAYS: usize = 16;
 /// The same in a preview, where towards a light without extent there is one.
 const PREVIEW_SOFT_RAYS: usize = 4;
-/// Samples that one task shades.
+/// Samples that are asked for together whether a light could reach them: those of some pixels side by side.
+const GROUP: usize = 64;
+/// Samples that one task shades, whole groups.
 const CHUNK: usize = 2048;
 
 /// What is lit.
@@ -23,6 +25,17 @@ pub(super) struct View<'a> {
     pub(super) samples: &'a ViewSamples,
     /// By material, what the samples' `k_d` is multiplied by; none where that is 1 for all.
     pub(super) scales: Option<&'a [Vec3]>,
+    /// The samples of the grid that is lit, [`GROUP`] by [`GROUP`].
+    pub(super) groups: &'a [PointGroup],
+}
+
+/// The samples of a grid that can be lit, [`GROUP`] by [`GROUP`].
+pub(super) fn view_groups(samples: &[ViewSample]) -> Vec<PointGroup> {
+    let group = |samples: &[ViewSample]| {
+        let lit = samples.iter().filter(|sample| sample.reflects());
+        PointGroup::new(lit.map(|sample| (sample.position, sample.geometric_normal.get())))
+    };
+    samples.par_chunks(GROUP).with_min_len(64).map(group).collect()
 }
 
 /// One view sample as it is seen.
@@ -55,9 +68,15 @@ pub(super) fn direct(
         .enumerate()
         .map(|(chunk, (pixels, samples))| {
             let first = chunk * (CHUNK / a_pixel) * a_pixel;
-            let seen = samples.iter().map(|sample| {
-                let view = (camera - sample.position) / sample.depth;
-                Seen { sample, view, throughput: Vec3::ONE }
+            let reached = samples
+                .chunks(GROUP)
+                .enumerate()
+                .filter(|(group, _)| prepared.may_reach(&view.groups[first / GROUP + group]));
+            let seen = reached.flat_map(|(group, samples)| {
+                (group * GROUP..).zip(samples).map(|(index, sample)| {
+                    let view = (camera - sample.position) / sample.depth;
+                    (index, Seen { sample, view, throughput: Vec3::ONE })
+                })
             });
             let add = |index: usize, radiance| pixels[index / a_pixel] += radiance * share;
             if settings.preview && !prepared.needs_samples() {
@@ -68,10 +87,9 @@ pub(super) fn direct(
         })
         .sum();
     let behind = chains.branches.par_chunks(CHUNK).enumerate().map(|(chunk, branches)| {
-        let seen = branches.iter().map(|branch| Seen {
-            sample: &branch.sample,
-            view: branch.view(),
-            throughput: branch.throughput.get(),
+        let seen = branches.iter().enumerate().map(|(index, branch)| {
+            let throughput = branch.throughput.get();
+            (index, Seen { sample: &branch.sample, view: branch.view(), throughput })
         });
         let mut lit = Vec::new();
         let first = samples.len() + chunk * CHUNK;
@@ -116,12 +134,12 @@ impl Shading<'_> {
     /// first sample for the random numbers. Returns the rays.
     fn run<'s>(
         &self,
-        seen: impl Iterator<Item = Seen<'s>>,
+        seen: impl Iterator<Item = (usize, Seen<'s>)>,
         first: usize,
         add: impl FnMut(usize, Vec3),
     ) -> u64 {
         let (mut rays, mut waiting) = (Vec::new(), Vec::new());
-        for (index, seen) in seen.enumerate().filter(|(_, seen)| seen.sample.reflects()) {
+        for (index, seen) in seen.filter(|(_, seen)| seen.sample.reflects()) {
             for which in 0..self.rays {
                 if let Some((ray, radiance)) = self.unshadowed(&seen, first + index, which) {
                     rays.push(ray);
@@ -146,13 +164,13 @@ impl Shading<'_> {
     /// neighbouring pixels, so that together they look at all places within a pixel.
     fn run_shared<'s>(
         &self,
-        seen: impl Iterator<Item = Seen<'s>>,
+        seen: impl Iterator<Item = (usize, Seen<'s>)>,
         (first, a_pixel): (usize, usize),
         add: impl FnMut(usize, Vec3),
     ) -> u64 {
         let width = self.view.samples.width;
         let (mut rays, mut waiting): (Vec<Ray>, Vec<(usize, Vec3)>) = (Vec::new(), Vec::new());
-        for (index, seen) in seen.enumerate().filter(|(_, seen)| seen.sample.reflects()) {
+        for (index, seen) in seen.filter(|(_, seen)| seen.sample.reflects()) {
             let Some((ray, radiance)) = self.unshadowed(&seen, first + index, 0) else { continue };
             let pixel = (first + index) / a_pixel;
             let is_favoured = index % a_pixel == (pixel % width + 2 * (pixel / width)) % a_pixel;

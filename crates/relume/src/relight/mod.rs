@@ -18,9 +18,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::image::{Image, Layers, LightLayers};
-use crate::sample::{Detail, edge_pixels, illuminate_with};
+use crate::sample::{Detail, cloud_groups, edge_pixels, illuminate_with};
 use crate::scene::{Light, LightKind, LightRig};
-use crate::shade::Dome;
+use crate::shade::{Dome, PointGroup};
 use crate::trace::Accel;
 use crate::transfer::{CloudBounces, Operator, Transfer, Work};
 use crate::{Error, Progress, Result};
@@ -151,6 +151,10 @@ pub struct Relighter {
     edges: Vec<bool>,
     /// By samples along a pixel's side, 1 and 2; made when asked for.
     reflections: [Option<Reflection>; 2],
+    /// What of the view a light could reach, in the same way.
+    view_groups: [Option<Vec<PointGroup>>; 2],
+    /// The same of the cloud.
+    cloud_groups: Option<Vec<PointGroup>>,
     /// What the lights of the last frame did.
     kept: Vec<Kept>,
     /// The same of lights that were off or black in it.
@@ -173,6 +177,8 @@ impl Relighter {
             edits: Edits::new(&transfer, base_colors),
             edges: edge_pixels(&transfer.view),
             reflections: [None, None],
+            view_groups: [None, None],
+            cloud_groups: None,
             kept: Vec::new(),
             dark: Vec::new(),
             emissive: transfer.emissive_materials(),
@@ -345,7 +351,10 @@ impl Relighter {
         let mut lit = Lit { direct: self.black(), indirect: self.black() };
         if settings.only != Only::Indirect {
             let began = Instant::now();
-            let view = direct::View { samples: &self.transfer.view, scales: self.edits.scales() };
+            let samples = &self.transfer.view;
+            let groups = self.view_groups[settings.aa as usize - 1]
+                .get_or_insert_with(|| direct::view_groups(samples.grid(settings.aa).samples));
+            let view = direct::View { samples, scales: self.edits.scales(), groups };
             let (direct, rays) = direct::direct(view, &self.accel, light, settings);
             lit.direct.pixels = direct;
             self.stats.shadow_rays += rays;
@@ -355,7 +364,9 @@ impl Relighter {
         if settings.only != Only::Direct && gathers {
             let began = Instant::now();
             let detail = if settings.preview { Detail::Coarse } else { Detail::Full };
-            let cloud = illuminate_with(self.edits.cloud(&self.transfer), &self.accel, light, detail);
+            let groups = self.cloud_groups.get_or_insert_with(|| cloud_groups(&self.transfer.cloud));
+            let cloud = self.edits.cloud(&self.transfer);
+            let cloud = illuminate_with(cloud, Some(groups), &self.accel, light, detail);
             self.stats.shadow_rays += cloud.shadow_rays;
             self.stats.cloud_rays += cloud.shadow_rays;
             self.stats.cloud_ms += milliseconds(began);

@@ -8,12 +8,14 @@
 //! A quarter without sub-samples is not lit, and a patch with such a quarter only partly so: where one sub-sample speaks for a
 //! patch ([`GatherCloud::with_sub_samples`]), its own ray decides.
 
+use std::ops::Range;
+
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::{GatherCloud, SUB_SAMPLES, SubSample};
 use crate::scene::Light;
-use crate::shade::{self, PreparedLight};
+use crate::shade::{self, PointGroup, PreparedLight};
 use crate::trace::sampling::{hash, sobol_2d};
 use crate::trace::{Accel, Ray};
 
@@ -21,6 +23,8 @@ use crate::trace::{Accel, Ray};
 const QUARTER: usize = SUB_SAMPLES / 4;
 /// Patches whose visibility is compared: siblings in the cluster tree.
 const NEIGHBOURS: usize = 16;
+/// Sub-samples that are asked for together whether a light could reach them: those of four patches, siblings in the cluster tree.
+const CLOUD_GROUP: usize = 4 * SUB_SAMPLES;
 /// Patches that one task shades.
 const CHUNK: usize = 1024;
 
@@ -36,7 +40,16 @@ pub struct CloudLight {
 /// The direct light of `light` on every gather sample: `albedo / pi * irradiance`, averaged over each patch. None of a dome, whose light comes
 /// through the operators ([`super::illuminate_sky`]).
 pub fn illuminate(cloud: &GatherCloud, accel: &Accel, light: &Light) -> CloudLight {
-    illuminate_with(cloud, accel, light, Detail::Full)
+    illuminate_with(cloud, None, accel, light, Detail::Full)
+}
+
+/// The sub-samples of the cloud, [`CLOUD_GROUP`] by [`CLOUD_GROUP`].
+pub fn cloud_groups(cloud: &GatherCloud) -> Vec<PointGroup> {
+    let group = |subs: &[SubSample]| {
+        let counted = subs.iter().filter(|sub| sub.weight != 0);
+        PointGroup::new(counted.map(|sub| (sub.position, sub.normal.get())))
+    };
+    cloud.sub_samples.par_chunks(CLOUD_GROUP).with_min_len(64).map(group).collect()
 }
 
 /// How many shadow rays are asked for.
@@ -49,8 +62,14 @@ pub enum Detail {
     Coarse,
 }
 
-/// The same with as many shadow rays as `detail` says.
-pub fn illuminate_with(cloud: &GatherCloud, accel: &Accel, light: &Light, detail: Detail) -> CloudLight {
+/// The same with as many shadow rays as `detail` says. With `groups`, which are [`cloud_groups`]', it is found sooner.
+pub fn illuminate_with(
+    cloud: &GatherCloud,
+    groups: Option<&[PointGroup]>,
+    accel: &Accel,
+    light: &Light,
+    detail: Detail,
+) -> CloudLight {
     let prepared = PreparedLight::new(light);
     let surfaces = cloud.surfaces().len();
     let chunks: Vec<(Vec<Vec3>, u64)> = (0..surfaces)
@@ -58,7 +77,11 @@ pub fn illuminate_with(cloud: &GatherCloud, accel: &Accel, light: &Light, detail
         .step_by(CHUNK)
         .map(|first| {
             let last = (first + CHUNK).min(surfaces);
-            Chunk::new(cloud, accel, &prepared, first, last).run(detail)
+            let reaches = |patch: usize| {
+                let group = patch * SUB_SAMPLES / CLOUD_GROUP;
+                groups.is_none_or(|groups| prepared.may_reach(&groups[group]))
+            };
+            Chunk::new(cloud, accel, &prepared, first..last, reaches).run(detail)
         })
         .collect();
     let mut result = CloudLight { radiance: Vec::with_capacity(cloud.len()), shadow_rays: 0 };
@@ -110,20 +133,20 @@ impl<'a> Chunk<'a> {
         cloud: &'a GatherCloud,
         accel: &'a Accel,
         light: &'a PreparedLight,
-        first: usize,
-        last: usize,
+        patches: Range<usize>,
+        reaches: impl Fn(usize) -> bool,
     ) -> Self {
-        let sub_samples = &cloud.sub_samples[first * SUB_SAMPLES..last * SUB_SAMPLES];
-        let quarters = sub_samples
-            .chunks_exact(SUB_SAMPLES)
-            .map(|patch| {
-                std::array::from_fn(|quarter| {
-                    let part = &patch[quarter * QUARTER..(quarter + 1) * QUARTER];
-                    part.iter().map(|sub| unshadowed(light, sub)).sum::<Vec3>()
-                })
-            })
-            .collect();
-        Self { accel, light, first, sub_samples, quarters, rays: 0 }
+        let sub_samples = &cloud.sub_samples[patches.start * SUB_SAMPLES..patches.end * SUB_SAMPLES];
+        let mut quarters = vec![[Vec3::ZERO; 4]; patches.len()];
+        let together = sub_samples.chunks(CLOUD_GROUP).zip(quarters.chunks_mut(CLOUD_GROUP / SUB_SAMPLES));
+        for (group, (subs, quarters)) in together.enumerate() {
+            if reaches(patches.start + group * (CLOUD_GROUP / SUB_SAMPLES)) {
+                for (part, quarter) in subs.chunks_exact(QUARTER).zip(quarters.as_flattened_mut()) {
+                    *quarter = part.iter().map(|sub| unshadowed(light, sub)).sum();
+                }
+            }
+        }
+        Self { accel, light, first: patches.start, sub_samples, quarters, rays: 0 }
     }
 
     fn run(mut self, detail: Detail) -> (Vec<Vec3>, u64) {

@@ -25,7 +25,7 @@ pub use cell_map::{CellMap, TARGETS};
 pub use chains::{Branch, Chains, SkyView};
 pub use cloud::{CloudMethod, CloudSettings, GatherCloud};
 pub use gather_sample::{DiffusePart, Emitted, GatherSample, SUB_SAMPLES, SubSample};
-pub use illumination::{CloudLight, Detail, illuminate, illuminate_with};
+pub use illumination::{CloudLight, Detail, cloud_groups, illuminate, illuminate_with};
 pub use packed::{PackedNormal, PackedUnit};
 pub use receivers::{Gloss, Receiver, Receivers};
 pub(crate) use records::{MOST as MOST_SHARES, Records, Spacing};

@@ -2,7 +2,8 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use super::{Dome, ViewCone};
+use super::point_group::Angle;
+use super::{Dome, PointGroup, ViewCone};
 use crate::scene::{Light, LightKind};
 use crate::trace::sampling::tangents;
 use crate::trace::{Ray, offset_origin};
@@ -12,6 +13,9 @@ const MIN_DISTANCE2: f32 = 1e-10;
 
 /// Narrowest difference of a spot's cosines: what f32 can tell apart. A narrower rim is a hard edge.
 const MIN_RIM: f64 = 1e-7;
+
+/// Cosines, against rounding: how far past a spot's cone points still count as within.
+const CONE_MARGIN: f32 = 1e-4;
 
 /// What arrives at a point from one sample of a light, were nothing in between.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,6 +105,14 @@ impl Cone {
         }
     }
 
+    /// Whether the cone, which begins at a point from which something spreads by `angle` around the unit `direction`, could hold some of it.
+    fn may_hold(&self, direction: Vec3, angle: Angle) -> bool {
+        let sin_outer = (1.0 - self.cos_outer * self.cos_outer).max(0.0).sqrt();
+        let sin = sin_outer * angle.cos + self.cos_outer * angle.sin;
+        let cos = self.cos_outer * angle.cos - sin_outer * angle.sin;
+        sin <= 0.0 || self.axis.dot(direction) > cos - CONE_MARGIN
+    }
+
     fn factor(&self, cos: f32) -> f32 {
         let x = ((cos - self.cos_outer) * self.inverse_rim).clamp(0.0, 1.0);
         x * x
@@ -142,6 +154,33 @@ impl PreparedLight {
             }
         };
         Self { shape, color: light.color() }
+    }
+
+    /// Whether anything of the light could arrive at one of the points, were nothing in between. Where it says no, [`Self::sample`] and
+    /// [`Self::center`] give for every point nothing, or light from behind its surface.
+    pub fn may_reach(&self, points: &PointGroup) -> bool {
+        if points.radius < 0.0 {
+            return false;
+        }
+        match &self.shape {
+            Shape::Local { position, radius2, cone } => {
+                let to_light = position - points.center;
+                let distance = to_light.length();
+                let reach = points.radius + radius2.sqrt();
+                if distance <= reach * 1.001 {
+                    return true;
+                }
+                let direction = to_light / distance;
+                points.may_face(direction, Angle::of_sin(reach / distance))
+                    && cone
+                        .is_none_or(|cone| cone.may_hold(-direction, Angle::of_sin(points.radius / distance)))
+            }
+            Shape::Distant { direction, one_minus_cos } => {
+                let sin = (one_minus_cos * (2.0 - one_minus_cos)).max(0.0).sqrt();
+                points.may_face(*direction, Angle::of_sin(sin))
+            }
+            Shape::Dome(_) => true,
+        }
     }
 
     /// Whether the light has extent.

@@ -4,9 +4,9 @@ use std::f32::consts::PI;
 
 use glam::{DVec3, Vec3};
 
-use super::{PreparedLight, needs_samples, sample, shadow_ray};
+use super::{PointGroup, PreparedLight, needs_samples, sample, shadow_ray};
 use crate::scene::{Light, LightKind};
-use crate::trace::sampling::sobol_2d;
+use crate::trace::sampling::{hash, sobol_2d, unit};
 
 const SAMPLES: u32 = 1 << 12;
 
@@ -178,4 +178,61 @@ fn the_centre_stands_for_the_whole_light() {
     let flat = irradiance(&omni(1.5), Vec3::ZERO, Vec3::X);
     assert!(flat.x > 0.04 && (center.irradiance * Vec3::X.dot(center.direction)).x < 1e-6);
     assert!(PreparedLight::new(&spot(10.0, 20.0)).center(Vec3::X).is_none());
+}
+
+/// Lights of all kinds around the origin, some with extent.
+fn any_light(seed: u32) -> Light {
+    let random = |dimension: u32| unit(hash(dimension, seed));
+    let place =
+        |dimension| Vec3::from_array(std::array::from_fn(|axis| 4.0 * random(dimension + axis as u32) - 2.0));
+    let radius = if random(0) < 0.5 { 0.0 } else { 0.5 * random(1) };
+    let intensity = Vec3::ONE;
+    let outer_angle = 89.0 * random(2).powi(3);
+    let inner_angle = outer_angle * random(3);
+    let kind = match seed % 3 {
+        0 => LightKind::Omni { position: place(4), intensity, radius },
+        1 => LightKind::Spot {
+            position: place(4),
+            target: place(7),
+            intensity,
+            inner_angle,
+            outer_angle,
+            radius,
+        },
+        _ => {
+            LightKind::Distant { direction: place(4), irradiance: intensity, angle: 90.0 * random(2).powi(3) }
+        }
+    };
+    Light { name: "any".into(), enabled: true, kind }
+}
+
+#[test]
+fn what_a_light_is_said_not_to_reach_it_does_not() {
+    let (mut missed, mut left) = (0, 0);
+    for seed in 0..3000 {
+        let random = |dimension: u32| unit(hash(dimension, seed ^ 0x9e37));
+        let size = random(0).powi(3);
+        let vector = |dimension: u32| {
+            Vec3::from_array(std::array::from_fn(|axis| 2.0 * random(dimension + axis as u32) - 1.0))
+        };
+        let (middle, normal, bend) = (2.0 * vector(1), vector(4).normalize(), 2.0 * random(7).powi(2));
+        let points: Vec<(Vec3, Vec3)> = (0..20)
+            .map(|i| (middle + size * vector(10 + 6 * i), (normal + bend * vector(13 + 6 * i)).normalize()))
+            .collect();
+        let light = PreparedLight::new(&any_light(seed));
+        let arrives = |&(position, normal): &(Vec3, Vec3)| {
+            let samples = (0..8).map(|i| light.sample(position, sobol_2d(i, 0, seed)));
+            samples.chain([light.center(position)]).flatten().any(|light| normal.dot(light.direction) > 0.0)
+        };
+        let lit = points.iter().any(arrives);
+        if light.may_reach(&PointGroup::new(points.iter().copied())) {
+            left += u32::from(!lit);
+        } else {
+            missed += 1;
+            assert!(!lit, "light {seed}");
+        }
+    }
+    // most of what no light reaches is left out, or there is no use in asking
+    assert!(missed > 2 * left, "{missed} left out, {left} not");
+    assert!(!PreparedLight::new(&any_light(0)).may_reach(&PointGroup::new([].into_iter())));
 }

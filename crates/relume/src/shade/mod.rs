@@ -10,6 +10,7 @@ mod energy;
 mod ggx;
 mod light;
 mod lobe;
+mod point_group;
 mod specular;
 mod surface;
 
@@ -18,6 +19,7 @@ pub use dome::Dome;
 pub use light::{LightSample, PreparedLight, needs_samples, sample, shadow_ray};
 pub(crate) use lobe::LobeTerms;
 pub use lobe::SpecularLobe;
+pub use point_group::PointGroup;
 pub use specular::{
     LEAST_THROUGHPUT, MAX_SPECULAR_EVENTS, Medium, POLISHED_ROUGHNESS, SpecularEvent, ViewCone,
 };

@@ -137,6 +137,22 @@ impl LowRank {
         usize::from(self.indices[at]) | usize::from(high) << 16
     }
 
+    /// Light on the coefficients at these places, by colour.
+    fn fetch(&self, places: Range<usize>, coefficients: &Coefficients, [red, green, blue]: [&mut [f32]; 3]) {
+        let light = coefficients.as_slice();
+        let colors = red.iter_mut().zip(green.iter_mut()).zip(blue.iter_mut());
+        let low = &self.indices[places.clone()];
+        let put = |(((red, green), blue), index): (((&mut f32, &mut f32), &mut f32), usize)| {
+            [*red, *green, *blue] = light[index];
+        };
+        if self.high.is_empty() {
+            colors.zip(low.iter().map(|&low| usize::from(low))).for_each(put);
+        } else {
+            let index = |(&low, &high): (&u16, &u8)| usize::from(low) | usize::from(high) << 16;
+            colors.zip(low.iter().zip(&self.high[places]).map(index)).for_each(put);
+        }
+    }
+
     /// The parts are runs of kept coefficients of a block, as they are packed. Directions are taken as orthogonal.
     pub(super) fn norms(&self, count: usize) -> Norms {
         let (mut columns, mut runs) = (vec![0.0; count], Vec::new());
@@ -232,9 +248,7 @@ impl Part<'_> {
         let mut gathered = vec![0.0; 3 * runs * RUN];
         let (red, rest) = gathered.split_at_mut(runs * RUN);
         let (green, blue) = rest.split_at_mut(runs * RUN);
-        for (at, place) in self.kept.clone().enumerate() {
-            [red[at], green[at], blue[at]] = coefficients.at(matrix.index(place));
-        }
+        matrix.fetch(self.kept.clone(), coefficients, [red, green, blue]);
         let bright = self.bright([red, green, blue], cut);
         let rows = runs_of(self.out.len());
         let mut sums = vec![0.0; 3 * rows * RUN];

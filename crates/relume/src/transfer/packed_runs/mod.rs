@@ -2,8 +2,13 @@
 //!
 //! The parts of a low-rank block are quantised in equal steps, so that one more bit is spent where values are twice as large. Most values
 //! are a few steps or none: runs take from 0 to 8 bits a value, or 16, which shifts unpack in step with the sums.
+//!
+//! The sums are most of what a frame does. `scalar.rs` has them for every processor, `x86.rs` for those with AVX2 and FMA:
+//! their last bits differ, since FMA rounds once where others round twice.
 
-use multiversion::multiversion;
+mod scalar;
+#[cfg(target_arch = "x86_64")]
+mod x86;
 
 use super::Buffer;
 
@@ -130,133 +135,34 @@ impl<'a> Runs<'a> {
     }
 
     /// `sum q x` for three vectors `x`, as long as the runs, over those runs that are `bright`.
-    pub(super) fn dot(self, bright: &[bool], [red, green, blue]: [&[f32]; 3]) -> [f32; 3] {
-        dot(self.widths, self.bytes, bright, red, green, blue)
+    pub(super) fn dot(self, bright: &[bool], x: [&[f32]; 3]) -> [f32; 3] {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(sums) = x86::dot(self, bright, x) {
+            return sums;
+        }
+        scalar::dot(self, bright, x)
     }
 
     /// `sum q q`.
     pub(super) fn square(self) -> f32 {
         let mut sum = 0.0;
-        for_lanes(self.widths, self.bytes, |_| true, |_, q| sum += q.iter().map(|q| q * q).sum::<f32>());
+        scalar::for_runs(self, |_, q| sum += q.iter().map(|q| q * q).sum::<f32>());
         sum
     }
 
     /// Adds `q q scale` to a vector, as long as the runs.
     pub(super) fn add_squares(self, scale: f32, sums: &mut [f32]) {
-        let add = |place: usize, q: [f32; LANES]| {
-            sums[place..place + LANES].iter_mut().zip(q).for_each(|(sum, q)| *sum += scale * q * q);
-        };
-        for_lanes(self.widths, self.bytes, |_| true, add);
+        scalar::for_runs(self, |run, q| {
+            sums[run * RUN..][..RUN].iter_mut().zip(q).for_each(|(sum, q)| *sum += scale * q * q);
+        });
     }
 
     /// Adds `q y` to three vectors, as long as the runs.
-    pub(super) fn add_weighted(self, y: [f32; 3], [red, green, blue]: [&mut [f32]; 3]) {
-        add_weighted(self.widths, self.bytes, y, red, green, blue);
+    pub(super) fn add_weighted(self, y: [f32; 3], sums: [&mut [f32]; 3]) {
+        #[cfg(target_arch = "x86_64")]
+        let Some(sums) = x86::add_weighted(self, y, sums) else { return };
+        scalar::add_weighted(self, y, sums);
     }
-}
-
-/// Calls `each` with the place of the first and the values of every `LANES` values, but for runs of zeros and those that are not to be
-/// `taken`.
-#[inline(always)]
-fn for_lanes(
-    widths: &[u8],
-    bytes: &[u8],
-    taken: impl Fn(usize) -> bool,
-    mut each: impl FnMut(usize, [f32; LANES]),
-) {
-    let mut rest = bytes;
-    for (run, &width) in widths.iter().enumerate() {
-        let (bytes, after) = rest.split_at(run_bytes(width));
-        rest = after;
-        if !taken(run) {
-            continue;
-        }
-        let place = run * RUN;
-        match width {
-            1 => few::<1>(bytes, place, &mut each),
-            2 => few::<2>(bytes, place, &mut each),
-            3 => few::<3>(bytes, place, &mut each),
-            4 => few::<4>(bytes, place, &mut each),
-            5 => few::<5>(bytes, place, &mut each),
-            6 => few::<6>(bytes, place, &mut each),
-            7 => few::<7>(bytes, place, &mut each),
-            8 => few::<8>(bytes, place, &mut each),
-            16 => {
-                for (block, bytes) in bytes.chunks_exact(2 * LANES).enumerate() {
-                    let word = |lane: usize| i16::from_le_bytes([bytes[2 * lane], bytes[2 * lane + 1]]);
-                    each(place + block * LANES, std::array::from_fn(|lane| f32::from(word(lane))));
-                }
-            }
-            _ => {}
-        }
-    }
-}
-
-/// Calls `each` for a run of at most 8 bits a value.
-#[inline(always)]
-fn few<const WIDTH: usize>(bytes: &[u8], place: usize, each: &mut impl FnMut(usize, [f32; LANES])) {
-    let bytes = &bytes[..WIDTH * RUN / 8];
-    let mut words = [0_u32; LANES];
-    for byte in 0..WIDTH / 2 {
-        for lane in 0..LANES {
-            words[lane] |= u32::from(bytes[byte * LANES + lane]) << (8 * byte);
-        }
-    }
-    if WIDTH % 2 == 1 {
-        let (high, up) = (&bytes[WIDTH / 2 * LANES..], 4 * (WIDTH - 1));
-        for lane in 0..LANES / 2 {
-            words[lane] |= u32::from(high[lane] & 15) << up;
-            words[lane + LANES / 2] |= u32::from(high[lane] >> 4) << up;
-        }
-    }
-    for value in 0..RUN / LANES {
-        let up = 32 - WIDTH * (value + 1);
-        each(
-            place + value * LANES,
-            std::array::from_fn(|lane| ((words[lane] << up) as i32 >> (32 - WIDTH)) as f32),
-        );
-    }
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn dot(widths: &[u8], bytes: &[u8], bright: &[bool], red: &[f32], green: &[f32], blue: &[f32]) -> [f32; 3] {
-    let mut sums = [[0.0_f32; LANES]; 3];
-    let taken = |run: usize| bright[run];
-    for_lanes(widths, bytes, taken, |place, q| {
-        let lanes = place..place + LANES;
-        let (r, g, b) = (&red[lanes.clone()], &green[lanes.clone()], &blue[lanes]);
-        for lane in 0..LANES {
-            sums[0][lane] += q[lane] * r[lane];
-            sums[1][lane] += q[lane] * g[lane];
-            sums[2][lane] += q[lane] * b[lane];
-        }
-    });
-    sums.map(|lanes| lanes.iter().sum())
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn add_weighted(
-    widths: &[u8],
-    bytes: &[u8],
-    y: [f32; 3],
-    red: &mut [f32],
-    green: &mut [f32],
-    blue: &mut [f32],
-) {
-    for_lanes(
-        widths,
-        bytes,
-        |_| true,
-        |place, q| {
-            let lanes = place..place + LANES;
-            let (r, g, b) = (&mut red[lanes.clone()], &mut green[lanes.clone()], &mut blue[lanes]);
-            for lane in 0..LANES {
-                r[lane] += q[lane] * y[0];
-                g[lane] += q[lane] * y[1];
-                b[lane] += q[lane] * y[2];
-            }
-        },
-    );
 }
 
 #[cfg(test)]
@@ -330,23 +236,37 @@ mod tests {
         });
         let mut bright = vec![true; packed.widths.len()];
         bright[2] = false;
-        let dots = packed.runs().dot(&bright, x.each_ref().map(|x| &x[..]));
-        let mut sums = x.clone();
-        let [red, green, blue] = &mut sums;
-        packed.runs().add_weighted([1.0, -2.0, 0.5], [red, green, blue]);
-        for c in 0..3 {
-            let terms: Vec<f64> =
-                plain.iter().zip(&x[c]).map(|(&q, &x)| f64::from(q) * f64::from(x)).collect();
-            let terms = || terms.iter().enumerate().filter(|(i, _)| bright[i / RUN]).map(|(_, term)| term);
-            let (expected, scale) = (terms().sum::<f64>(), terms().map(|term| term.abs()).sum::<f64>());
-            assert!((f64::from(dots[c]) - expected).abs() < 1e-6 * scale, "{} {expected}", dots[c]);
-            let squares: f32 = plain.iter().map(|&q| f32::from(q).powi(2)).sum();
-            assert!((packed.runs().square() / squares - 1.0).abs() < 1e-5);
-            for (i, &q) in plain.iter().enumerate() {
-                let expected = x[c][i] + f32::from(q) * [1.0, -2.0, 0.5][c];
-                assert!((sums[c][i] - expected).abs() <= 1e-6 * expected.abs(), "{} {expected}", sums[c][i]);
+        let bright = &bright[..];
+        type Dot = fn(Runs<'_>, &[bool], [&[f32]; 3]) -> [f32; 3];
+        type AddWeighted = fn(Runs<'_>, [f32; 3], [&mut [f32]; 3]);
+        // the twin, and what this processor is given
+        let forms: [(Dot, AddWeighted); 2] = [
+            (scalar::dot, scalar::add_weighted),
+            (|q, bright, x| q.dot(bright, x), |q, y, sums| q.add_weighted(y, sums)),
+        ];
+        for (dot, add_weighted) in forms {
+            let dots = dot(packed.runs(), bright, x.each_ref().map(|x| &x[..]));
+            let mut sums = x.clone();
+            add_weighted(packed.runs(), [1.0, -2.0, 0.5], sums.each_mut().map(|sums| &mut sums[..]));
+            for c in 0..3 {
+                let terms: Vec<f64> =
+                    plain.iter().zip(&x[c]).map(|(&q, &x)| f64::from(q) * f64::from(x)).collect();
+                let terms =
+                    || terms.iter().enumerate().filter(|(i, _)| bright[i / RUN]).map(|(_, term)| term);
+                let (expected, scale) = (terms().sum::<f64>(), terms().map(|term| term.abs()).sum::<f64>());
+                assert!((f64::from(dots[c]) - expected).abs() < 1e-6 * scale, "{} {expected}", dots[c]);
+                for (i, &q) in plain.iter().enumerate() {
+                    let expected = x[c][i] + f32::from(q) * [1.0, -2.0, 0.5][c];
+                    assert!(
+                        (sums[c][i] - expected).abs() <= 1e-6 * expected.abs(),
+                        "{} {expected}",
+                        sums[c][i]
+                    );
+                }
             }
         }
+        let squares: f32 = plain.iter().map(|&q| f32::from(q).powi(2)).sum();
+        assert!((packed.runs().square() / squares - 1.0).abs() < 1e-5);
     }
 
     #[test]

@@ -4,9 +4,10 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::RelightSettings;
-use crate::sample::{Chains, ViewGrid, ViewSample, ViewSamples};
+use super::lanes::{LANES, Lanes, LitSample};
+use crate::sample::{Chains, PackedNormal, ViewGrid, ViewSample, ViewSamples};
 use crate::scene::Light;
-use crate::shade::{self, Dome, PointGroup, PreparedLight};
+use crate::shade::{self, Dome, LightSample, PointGroup, PreparedLight};
 use crate::trace::sampling::{hash, sobol_2d};
 use crate::trace::{Accel, Ray};
 
@@ -14,9 +15,11 @@ use crate::trace::{Accel, Ray};
 const SOFT_RAYS: usize = 16;
 /// The same in a preview, where towards a light without extent there is one.
 const PREVIEW_SOFT_RAYS: usize = 4;
-/// Samples that are asked for together whether a light could reach them: those of some pixels side by side.
-const GROUP: usize = 64;
-/// Samples that one task shades, whole groups.
+/// Pixels along a side of the tiles whose rays travel together, and that are asked for together whether a light could reach them.
+const TILE: usize = 4;
+/// Rays that are traced at a time.
+const BATCH: usize = 1024;
+/// Branches that one task shades.
 const CHUNK: usize = 2048;
 
 /// What is lit.
@@ -25,20 +28,35 @@ pub(super) struct View<'a> {
     pub(super) samples: &'a ViewSamples,
     /// By material, what the samples' `k_d` is multiplied by; none where that is 1 for all.
     pub(super) scales: Option<&'a [Vec3]>,
-    /// The samples of the grid that is lit, [`GROUP`] by [`GROUP`].
-    pub(super) groups: &'a [PointGroup],
+    /// The samples of the tiles of the grid that is lit, row by row.
+    pub(super) tiles: &'a [PointGroup],
 }
 
-/// The samples of a grid that can be lit, [`GROUP`] by [`GROUP`].
-pub(super) fn view_groups(samples: &[ViewSample]) -> Vec<PointGroup> {
-    let group = |samples: &[ViewSample]| {
-        let lit = samples.iter().filter(|sample| sample.reflects());
-        PointGroup::new(lit.map(|sample| (sample.position, sample.geometric_normal.get())))
+/// The pixels of a tile that begins at a column, by number in its row of tiles: four by four, so that those of a packet are a square.
+fn of_tile(column: usize, (width, height): (usize, usize)) -> impl Iterator<Item = usize> + Clone {
+    let place = |i: usize| (i & 1 | i >> 1 & 2, i >> 1 & 1 | i >> 2 & 2);
+    let inside = move |&(x, y): &(usize, usize)| column + x < width && y < height;
+    (0..TILE * TILE).map(place).filter(inside).map(move |(x, y)| y * width + column + x)
+}
+
+/// What of a grid can be lit, tile by tile, row by row.
+pub(super) fn tiles(samples: &ViewSamples, aa: u32) -> Vec<PointGroup> {
+    let width = samples.width;
+    let ViewGrid { samples, a_pixel, .. } = samples.grid(aa);
+    let row = |row: &[ViewSample]| -> Vec<PointGroup> {
+        let height = row.len() / (width * a_pixel);
+        let tile = |column| {
+            let of_pixel = |pixel| row[pixel * a_pixel..(pixel + 1) * a_pixel].iter();
+            let lit = of_tile(column, (width, height)).flat_map(of_pixel).filter(|sample| sample.reflects());
+            PointGroup::new(lit.map(|sample| (sample.position, sample.geometric_normal.get())))
+        };
+        (0..width).step_by(TILE).map(tile).collect()
     };
-    samples.par_chunks(GROUP).with_min_len(64).map(group).collect()
+    samples.par_chunks(TILE * width * a_pixel).flat_map_iter(row).collect()
 }
 
 /// One view sample as it is seen.
+#[derive(Clone, Copy)]
 struct Seen<'a> {
     sample: &'a ViewSample,
     /// Unit, to where its light goes.
@@ -59,31 +77,29 @@ pub(super) fn direct(
     let ViewGrid { samples, chains, a_pixel, .. } = view.samples.grid(settings.aa);
     let camera = view.samples.camera.position();
     let rays = if prepared.needs_samples() { soft_rays / a_pixel } else { 1 };
-    let shading = Shading { light: &prepared, view, rays, accel };
+    let shares = settings.preview && !prepared.needs_samples();
+    let shading =
+        Shading { light: &prepared, view, rays, accel, shared_by: if shares { a_pixel } else { 1 } };
     let share = 1.0 / (a_pixel * rays) as f32;
     let mut pixels = vec![Vec3::ZERO; view.samples.pixels()];
+    let width = view.samples.width;
     let straight: u64 = pixels
-        .par_chunks_mut(CHUNK / a_pixel)
-        .zip(samples.par_chunks(CHUNK / a_pixel * a_pixel))
+        .par_chunks_mut(TILE * width)
+        .zip(samples.par_chunks(TILE * width * a_pixel))
+        .zip(view.tiles.par_chunks(width.div_ceil(TILE)))
         .enumerate()
-        .map(|(chunk, (pixels, samples))| {
-            let first = chunk * (CHUNK / a_pixel) * a_pixel;
-            let reached = samples
-                .chunks(GROUP)
-                .enumerate()
-                .filter(|(group, _)| prepared.may_reach(&view.groups[first / GROUP + group]));
-            let seen = reached.flat_map(|(group, samples)| {
-                (group * GROUP..).zip(samples).map(|(index, sample)| {
+        .map(|(row, ((pixels, samples), tiles))| {
+            let (first, height) = (row * TILE * width * a_pixel, pixels.len() / width);
+            let reached = (0..width).step_by(TILE).zip(tiles).filter(|(_, tile)| prepared.may_reach(tile));
+            let seen = reached
+                .flat_map(|(column, _)| of_tile(column, (width, height)))
+                .flat_map(|pixel| pixel * a_pixel..(pixel + 1) * a_pixel)
+                .map(|index| {
+                    let sample = &samples[index];
                     let view = (camera - sample.position) / sample.depth;
                     (index, Seen { sample, view, throughput: Vec3::ONE })
-                })
-            });
-            let add = |index: usize, radiance| pixels[index / a_pixel] += radiance * share;
-            if settings.preview && !prepared.needs_samples() {
-                shading.run_shared(seen, (first, a_pixel), add)
-            } else {
-                shading.run(seen, first, add)
-            }
+                });
+            shading.run(seen, first, |index, radiance| pixels[index / a_pixel] += radiance * share)
         })
         .sum();
     let behind = chains.branches.par_chunks(CHUNK).enumerate().map(|(chunk, branches)| {
@@ -93,7 +109,8 @@ pub(super) fn direct(
         });
         let mut lit = Vec::new();
         let first = samples.len() + chunk * CHUNK;
-        let rays = shading.run(seen, first, |index, radiance| {
+        let alone = Shading { shared_by: 1, ..shading };
+        let rays = alone.run(seen, first, |index, radiance| {
             lit.push((branches[index].owner as usize / a_pixel, radiance * share));
         });
         (lit, rays)
@@ -121,12 +138,28 @@ fn mirrored(chains: &Chains, light: &PreparedLight) -> Vec<(u32, Vec3)> {
     branches.chain(sky).collect()
 }
 
+#[derive(Clone, Copy)]
 struct Shading<'a> {
     light: &'a PreparedLight,
     view: View<'a>,
     /// Shadow rays a sample.
     rays: usize,
+    /// Samples of a pixel that take their answer from one ray. It starts from another sample than in neighbouring pixels, so that together they look at all
+    /// places within a pixel.
+    shared_by: usize,
     accel: &'a Accel,
+}
+
+/// A view sample that light reaches unless its ray is blocked.
+struct Waiting<'a> {
+    index: usize,
+    seen: Seen<'a>,
+    shading_normal: Vec3,
+    arriving: LightSample,
+    /// Between the light and the shading normal.
+    cos: f32,
+    /// Its ray's number.
+    ray: usize,
 }
 
 impl Shading<'_> {
@@ -136,83 +169,122 @@ impl Shading<'_> {
         &self,
         seen: impl Iterator<Item = (usize, Seen<'s>)>,
         first: usize,
-        add: impl FnMut(usize, Vec3),
+        mut add: impl FnMut(usize, Vec3),
     ) -> u64 {
-        let (mut rays, mut waiting) = (Vec::new(), Vec::new());
+        let (mut rays, mut waiting): (Vec<Ray>, Vec<Waiting<'_>>) = (Vec::new(), Vec::new());
+        let (mut count, mut geometric) = (0, Normals::default());
+        let mut shading = Normals::default();
+        let width = self.view.samples.width;
         for (index, seen) in seen.filter(|(_, seen)| seen.sample.reflects()) {
+            let group = index / self.shared_by;
+            let goes_on =
+                self.shared_by > 1 && waiting.last().is_some_and(|last| last.index / self.shared_by == group);
+            if rays.len() >= BATCH && !goes_on {
+                count += self.finish(&mut rays, &mut waiting, &mut add);
+            }
             for which in 0..self.rays {
-                if let Some((ray, radiance)) = self.unshadowed(&seen, first + index, which) {
-                    rays.push(ray);
-                    waiting.push((index, radiance));
+                let number = first + index;
+                let Some(arriving) = self.arriving(seen.sample, number, which) else { continue };
+                let normal = geometric.get(seen.sample.geometric_normal);
+                if normal.dot(arriving.direction) <= 0.0 {
+                    continue;
                 }
+                let shading_normal = shading.get(seen.sample.shading_normal);
+                let cos = shading_normal.dot(arriving.direction);
+                if cos <= 0.0 {
+                    continue;
+                }
+                let ray = || shade::shadow_ray(seen.sample.position, normal, &arriving);
+                if goes_on || (which > 0 && self.shared_by > 1) {
+                    let pixel = number / self.shared_by;
+                    let favoured = (pixel % width + 2 * (pixel / width)) % self.shared_by;
+                    if index % self.shared_by == favoured
+                        && let Some(chosen) = rays.last_mut()
+                    {
+                        *chosen = ray();
+                    }
+                } else {
+                    rays.push(ray());
+                }
+                let ray = rays.len() - 1;
+                waiting.push(Waiting { index, seen, shading_normal, arriving, cos, ray });
             }
         }
-        self.trace(&rays, &waiting, add)
+        count + self.finish(&mut rays, &mut waiting, &mut add)
     }
 
-    /// Tells `add` what waits for those of `rays` that are free. Returns how many rays there are.
-    fn trace(&self, rays: &[Ray], waiting: &[(usize, Vec3)], mut add: impl FnMut(usize, Vec3)) -> u64 {
+    /// Traces the `rays`, tells `add` of what waits for those that are free, and empties both. Returns how many rays there were.
+    fn finish(
+        &self,
+        rays: &mut Vec<Ray>,
+        waiting: &mut Vec<Waiting<'_>>,
+        add: &mut impl FnMut(usize, Vec3),
+    ) -> u64 {
+        let count = rays.len() as u64;
         let mut blocked = vec![false; rays.len()];
         self.accel.occluded_batch(rays, &mut blocked);
-        for (&(index, radiance), _) in waiting.iter().zip(&blocked).filter(|&(_, &blocked)| !blocked) {
-            add(index, radiance);
-        }
-        rays.len() as u64
-    }
-
-    /// The same with one ray for each pixel, of `a_pixel` samples, whose answer stands for all of these. It starts from another sample than in
-    /// neighbouring pixels, so that together they look at all places within a pixel.
-    fn run_shared<'s>(
-        &self,
-        seen: impl Iterator<Item = (usize, Seen<'s>)>,
-        (first, a_pixel): (usize, usize),
-        add: impl FnMut(usize, Vec3),
-    ) -> u64 {
-        let width = self.view.samples.width;
-        let (mut rays, mut waiting): (Vec<Ray>, Vec<(usize, Vec3)>) = (Vec::new(), Vec::new());
-        for (index, seen) in seen.filter(|(_, seen)| seen.sample.reflects()) {
-            let Some((ray, radiance)) = self.unshadowed(&seen, first + index, 0) else { continue };
-            let pixel = (first + index) / a_pixel;
-            let is_favoured = index % a_pixel == (pixel % width + 2 * (pixel / width)) % a_pixel;
-            match (waiting.last_mut(), rays.last_mut()) {
-                (Some((before, sum)), Some(chosen)) if *before / a_pixel == index / a_pixel => {
-                    *sum += radiance;
-                    if is_favoured {
-                        *chosen = ray;
-                    }
-                }
-                _ => {
-                    rays.push(ray);
-                    waiting.push((index, radiance));
-                }
+        rays.clear();
+        let mut lanes = Lanes::default();
+        let mut owners = [0; LANES];
+        let mut filled = 0;
+        let mut empty = |lanes: &Lanes, owners: &[usize]| {
+            let radiance = lanes.shade();
+            for (lane, &index) in owners.iter().enumerate() {
+                add(index, Vec3::from(radiance.map(|channel| channel[lane])));
+            }
+        };
+        for waiting in waiting.drain(..).filter(|waiting| !blocked[waiting.ray]) {
+            owners[filled] = waiting.index;
+            lanes.set(filled, &self.lit(&waiting));
+            filled += 1;
+            if filled == LANES {
+                empty(&lanes, &owners);
+                filled = 0;
             }
         }
-        self.trace(&rays, &waiting, add)
+        empty(&lanes, &owners[..filled]);
+        count
     }
 
-    /// A shadow ray and the radiance that reaches the camera if it is free.
-    fn unshadowed(&self, seen: &Seen<'_>, number: usize, which: usize) -> Option<(Ray, Vec3)> {
+    fn arriving(&self, sample: &ViewSample, number: usize, which: usize) -> Option<LightSample> {
         let random = if self.light.needs_samples() {
             sobol_2d(which as u32, 0, hash(number as u32, 0x51_a9))
         } else {
             Vec2::ZERO
         };
-        let sample = seen.sample;
-        let arriving = self.light.sample(sample.position, random)?;
-        let geometric = sample.geometric_normal.get();
-        let cos = sample.shading_normal.get().dot(arriving.direction);
-        if cos <= 0.0 || geometric.dot(arriving.direction) <= 0.0 {
-            return None;
-        }
-        let surface = sample.surface();
+        self.light.sample(sample.position, random)
+    }
+
+    fn lit(&self, waiting: &Waiting<'_>) -> LitSample {
+        let Waiting { seen: Seen { sample, view, throughput }, shading_normal, ref arriving, cos, .. } =
+            *waiting;
         let k_d = match self.view.scales {
-            Some(scales) => surface.diffuse_albedo * scales[sample.material as usize],
-            None => surface.diffuse_albedo,
+            Some(scales) => sample.diffuse.get() * scales[sample.material as usize],
+            None => sample.diffuse.get(),
         };
-        let brdf = k_d * std::f32::consts::FRAC_1_PI + surface.specular(seen.view, arriving.direction);
-        let radiance = seen.throughput * brdf * arriving.irradiance * cos;
-        let ray = shade::shadow_ray(sample.position, geometric, &arriving);
-        (radiance != Vec3::ZERO).then_some((ray, radiance))
+        LitSample {
+            normal: shading_normal,
+            view,
+            light: arriving.direction,
+            k_d,
+            f0: sample.specular.get(),
+            f90: sample.grazing(),
+            roughness: sample.roughness(),
+            arriving: throughput * arriving.irradiance * cos,
+        }
+    }
+}
+
+/// Unpacks normals, which are mostly those of the sample before.
+#[derive(Default)]
+struct Normals(Option<(PackedNormal, Vec3)>);
+
+impl Normals {
+    fn get(&mut self, packed: PackedNormal) -> Vec3 {
+        match self.0 {
+            Some((before, normal)) if before == packed => normal,
+            _ => self.0.insert((packed, packed.get())).1,
+        }
     }
 }
 

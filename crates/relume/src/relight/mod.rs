@@ -7,6 +7,7 @@
 mod direct;
 mod edits;
 mod emission;
+mod lanes;
 mod through;
 mod upsample;
 
@@ -152,7 +153,7 @@ pub struct Relighter {
     /// By samples along a pixel's side, 1 and 2; made when asked for.
     reflections: [Option<Reflection>; 2],
     /// What of the view a light could reach, in the same way.
-    view_groups: [Option<Vec<PointGroup>>; 2],
+    tiles: [Option<Vec<PointGroup>>; 2],
     /// The same of the cloud.
     cloud_groups: Option<Vec<PointGroup>>,
     /// What the lights of the last frame did.
@@ -177,7 +178,7 @@ impl Relighter {
             edits: Edits::new(&transfer, base_colors),
             edges: edge_pixels(&transfer.view),
             reflections: [None, None],
-            view_groups: [None, None],
+            tiles: [None, None],
             cloud_groups: None,
             kept: Vec::new(),
             dark: Vec::new(),
@@ -352,9 +353,9 @@ impl Relighter {
         if settings.only != Only::Indirect {
             let began = Instant::now();
             let samples = &self.transfer.view;
-            let groups = self.view_groups[settings.aa as usize - 1]
-                .get_or_insert_with(|| direct::view_groups(samples.grid(settings.aa).samples));
-            let view = direct::View { samples, scales: self.edits.scales(), groups };
+            let tiles = self.tiles[settings.aa as usize - 1]
+                .get_or_insert_with(|| direct::tiles(samples, settings.aa));
+            let view = direct::View { samples, scales: self.edits.scales(), tiles };
             let (direct, rays) = direct::direct(view, &self.accel, light, settings);
             lit.direct.pixels = direct;
             self.stats.shadow_rays += rays;

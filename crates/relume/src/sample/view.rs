@@ -118,13 +118,18 @@ impl ViewSample {
             shading_normal: self.shading_normal.get(),
             diffuse_albedo: self.diffuse.get(),
             specular_f0: self.specular.get(),
-            specular_f90: f32::from(self.grazing) * (1.0 / 65535.0),
+            specular_f90: self.grazing(),
             roughness: self.roughness(),
             material: self.material,
             object: self.object,
             lit: self.is_lit(),
             ..Surface::BLACK
         }
+    }
+
+    /// Specular reflectance at grazing angles, `0..=1`.
+    pub fn grazing(&self) -> f32 {
+        f32::from(self.grazing) * (1.0 / 65535.0)
     }
 
     /// Perceptual roughness, `0..=1`.

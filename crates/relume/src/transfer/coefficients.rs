@@ -1,12 +1,15 @@
 //! Light on the cloud, in the wavelet basis.
 
-use glam::Vec3;
+use glam::{Mat4, Vec3, Vec4};
 
 use super::haar;
 
 /// The Haar coefficients of light on the gather cloud, weighted as an operator wants them: `D^-1 W g`, RGB.
 #[derive(Clone, Debug, Default)]
-pub struct Coefficients(Vec<[f32; 3]>);
+pub struct Coefficients {
+    /// One a coefficient, and one more, so that each can be read by its four floats.
+    values: Vec<[f32; 3]>,
+}
 
 impl Coefficients {
     /// The coefficients of `light` (one RGB a gather sample, tree order), each times `weights`' entry; an empty
@@ -22,17 +25,40 @@ impl Coefficients {
             plane
         };
         let (red, (green, blue)) = rayon::join(|| channel(0), || rayon::join(|| channel(1), || channel(2)));
-        Self((0..count).map(|i| [red[i], green[i], blue[i]]).collect())
+        let values = red.into_iter().zip(green).zip(blue).map(|((red, green), blue)| [red, green, blue]);
+        Self { values: values.chain([[0.0; 3]]).collect() }
     }
 
     /// One coefficient.
     #[inline]
     pub(super) fn at(&self, index: usize) -> [f32; 3] {
-        self.0[index]
+        self.as_slice()[index]
     }
 
     /// All of them, coarse to fine.
     pub fn as_slice(&self) -> &[[f32; 3]] {
-        &self.0
+        self.values.split_last().map_or(&[], |(_, values)| values)
+    }
+
+    /// Those of these numbers, colour by colour; `indices` are below their count.
+    pub(super) fn fetch(
+        &self,
+        indices: impl ExactSizeIterator<Item = usize>,
+        [red, green, blue]: [&mut [f32]; 3],
+    ) {
+        let floats = self.values.as_flattened();
+        let at = |index: usize| Vec4::from_slice(&floats[3 * index..]);
+        let mut indices = indices;
+        let (red, last_red) = red[..indices.len()].as_chunks_mut::<4>();
+        let (green, last_green) = green[..indices.len()].as_chunks_mut::<4>();
+        let (blue, last_blue) = blue[..indices.len()].as_chunks_mut::<4>();
+        let mut next = || at(indices.next().unwrap_or_default());
+        for ((red, green), blue) in red.iter_mut().zip(green).zip(blue) {
+            let colors = Mat4::from_cols(next(), next(), next(), next()).transpose();
+            (*red, *green, *blue) = (colors.x_axis.into(), colors.y_axis.into(), colors.z_axis.into());
+        }
+        for ((red, green), blue) in last_red.iter_mut().zip(last_green).zip(last_blue) {
+            [*red, *green, *blue, _] = next().to_array();
+        }
     }
 }

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::culling::{Cut, Norms, Work, energy};
 use super::low_rank_encoder::Encoded;
-use super::packed_runs::{PackedRuns, RUN, Runs, runs_of};
+use super::packed_runs::{PackedRuns, Product, RUN, Runs, runs_of};
 use super::{Buffer, Coefficients};
 
 /// How finely blocks are encoded.
@@ -137,19 +137,14 @@ impl LowRank {
         usize::from(self.indices[at]) | usize::from(high) << 16
     }
 
-    /// Light on the coefficients at these places, by colour.
-    fn fetch(&self, places: Range<usize>, coefficients: &Coefficients, [red, green, blue]: [&mut [f32]; 3]) {
-        let light = coefficients.as_slice();
-        let colors = red.iter_mut().zip(green.iter_mut()).zip(blue.iter_mut());
-        let low = &self.indices[places.clone()];
-        let put = |(((red, green), blue), index): (((&mut f32, &mut f32), &mut f32), usize)| {
-            [*red, *green, *blue] = light[index];
-        };
+    /// Light on the coefficients at these places, colour by colour.
+    fn fetch(&self, places: Range<usize>, coefficients: &Coefficients, colors: [&mut [f32]; 3]) {
+        let low = self.indices[places.clone()].iter().map(|&low| usize::from(low));
         if self.high.is_empty() {
-            colors.zip(low.iter().map(|&low| usize::from(low))).for_each(put);
+            coefficients.fetch(low, colors);
         } else {
-            let index = |(&low, &high): (&u16, &u8)| usize::from(low) | usize::from(high) << 16;
-            colors.zip(low.iter().zip(&self.high[places]).map(index)).for_each(put);
+            let high = self.high[places].iter().map(|&high| usize::from(high) << 16);
+            coefficients.fetch(low.zip(high).map(|(low, high)| low | high), colors);
         }
     }
 
@@ -243,7 +238,7 @@ impl Part<'_> {
         (0..runs_of(self.kept.len())).map(is_bright).collect()
     }
 
-    fn apply(mut self, matrix: &LowRank, coefficients: &Coefficients, cut: Option<Cut<'_>>) -> Work {
+    fn apply(self, matrix: &LowRank, coefficients: &Coefficients, cut: Option<Cut<'_>>) -> Work {
         let runs = runs_of(self.kept.len());
         let mut gathered = vec![0.0; 3 * runs * RUN];
         let (red, rest) = gathered.split_at_mut(runs * RUN);
@@ -254,10 +249,8 @@ impl Part<'_> {
         let mut sums = vec![0.0; 3 * rows * RUN];
         let (red_sums, rest) = sums.split_at_mut(rows * RUN);
         let (green_sums, blue_sums) = rest.split_at_mut(rows * RUN);
-        for (&v_scale, &u_scale) in self.v_scales.iter().zip(self.u_scales) {
-            let y = self.v.take(runs).dot(&bright, [red, green, blue]).map(|y| y * v_scale * u_scale);
-            self.u.take(rows).add_weighted(y, [red_sums, green_sums, blue_sums]);
-        }
+        let product = Product { v: self.v, v_scales: self.v_scales, u: self.u, u_scales: self.u_scales };
+        product.add([red, green, blue], &bright, [red_sums, green_sums, blue_sums]);
         for (row, out) in self.out.iter_mut().enumerate() {
             *out = Vec3::new(red_sums[row], green_sums[row], blue_sums[row]);
         }

@@ -134,15 +134,6 @@ impl<'a> Runs<'a> {
         Self { widths, bytes }
     }
 
-    /// `sum q x` for three vectors `x`, as long as the runs, over those runs that are `bright`.
-    pub(super) fn dot(self, bright: &[bool], x: [&[f32]; 3]) -> [f32; 3] {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(sums) = x86::dot(self, bright, x) {
-            return sums;
-        }
-        scalar::dot(self, bright, x)
-    }
-
     /// `sum q q`.
     pub(super) fn square(self) -> f32 {
         let mut sum = 0.0;
@@ -156,12 +147,29 @@ impl<'a> Runs<'a> {
             sums[run * RUN..][..RUN].iter_mut().zip(q).for_each(|(sum, q)| *sum += scale * q * q);
         });
     }
+}
 
-    /// Adds `q y` to three vectors, as long as the runs.
-    pub(super) fn add_weighted(self, y: [f32; 3], sums: [&mut [f32]; 3]) {
+/// A matrix of low rank, `U V`: a sum of outer products.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Product<'a> {
+    /// The rows of `V`, one after the other, each as long as the light.
+    pub(super) v: Runs<'a>,
+    /// One a row.
+    pub(super) v_scales: &'a [f32],
+    /// The columns of `U`, one after the other, each as long as the sums.
+    pub(super) u: Runs<'a>,
+    /// One a column.
+    pub(super) u_scales: &'a [f32],
+}
+
+impl Product<'_> {
+    /// Adds `U V light` to `sums`, for three colours, all whole runs long, but for those runs of the light that are not `bright`.
+    pub(super) fn add(self, light: [&[f32]; 3], bright: &[bool], sums: [&mut [f32]; 3]) {
         #[cfg(target_arch = "x86_64")]
-        let Some(sums) = x86::add_weighted(self, y, sums) else { return };
-        scalar::add_weighted(self, y, sums);
+        if x86::is_there() {
+            return x86::add(self, light, bright, sums);
+        }
+        scalar::add(self, light, bright, sums);
     }
 }
 
@@ -228,45 +236,64 @@ mod tests {
     }
 
     #[test]
-    fn sums_are_those_of_the_values_one_by_one() {
+    fn products_are_those_of_the_values_one_by_one() {
         let packed = packed(&some());
         let plain = values(packed.runs());
-        let x: [Vec<f32>; 3] = std::array::from_fn(|c| {
-            (0..plain.len()).map(|i| unit(hash(i as u32, 10 + c as u32)) - 0.5).collect()
-        });
-        let mut bright = vec![true; packed.widths.len()];
-        bright[2] = false;
-        let bright = &bright[..];
-        type Dot = fn(Runs<'_>, &[bool], [&[f32]; 3]) -> [f32; 3];
-        type AddWeighted = fn(Runs<'_>, [f32; 3], [&mut [f32]; 3]);
-        // the twin, and what this processor is given
-        let forms: [(Dot, AddWeighted); 2] = [
-            (scalar::dot, scalar::add_weighted),
-            (|q, bright, x| q.dot(bright, x), |q, y, sums| q.add_weighted(y, sums)),
-        ];
-        for (dot, add_weighted) in forms {
-            let dots = dot(packed.runs(), bright, x.each_ref().map(|x| &x[..]));
-            let mut sums = x.clone();
-            add_weighted(packed.runs(), [1.0, -2.0, 0.5], sums.each_mut().map(|sums| &mut sums[..]));
+        // rows and columns of four and two runs: three directions of each kind of run
+        let (v, u) = (packed.runs(), packed.runs().take(6));
+        let (kept, rows) = (4 * RUN, 2 * RUN);
+        let random = |i: usize, seed: u32| unit(hash(i as u32, seed)) - 0.5;
+        let light: [Vec<f32>; 3] =
+            std::array::from_fn(|c| (0..kept).map(|i| random(i, 10 + c as u32)).collect());
+        let start: [Vec<f32>; 3] =
+            std::array::from_fn(|c| (0..rows).map(|i| random(i, 20 + c as u32)).collect());
+        let (v_scales, u_scales, bright) = ([1.0, -0.5, 2.0], [0.25, 1.5, -1.0], [true, true, false, true]);
+        let product = Product { v, v_scales: &v_scales, u, u_scales: &u_scales };
+        let form = |add: fn(Product<'_>, [&[f32]; 3], &[bool], [&mut [f32]; 3])| {
+            let mut sums = start.clone();
+            add(
+                product,
+                light.each_ref().map(|x| &x[..]),
+                &bright,
+                sums.each_mut().map(|sums| &mut sums[..]),
+            );
+            sums
+        };
+        for sums in [form(scalar::add), form(|product, light, bright, sums| product.add(light, bright, sums))]
+        {
             for c in 0..3 {
-                let terms: Vec<f64> =
-                    plain.iter().zip(&x[c]).map(|(&q, &x)| f64::from(q) * f64::from(x)).collect();
-                let terms =
-                    || terms.iter().enumerate().filter(|(i, _)| bright[i / RUN]).map(|(_, term)| term);
-                let (expected, scale) = (terms().sum::<f64>(), terms().map(|term| term.abs()).sum::<f64>());
-                assert!((f64::from(dots[c]) - expected).abs() < 1e-6 * scale, "{} {expected}", dots[c]);
-                for (i, &q) in plain.iter().enumerate() {
-                    let expected = x[c][i] + f32::from(q) * [1.0, -2.0, 0.5][c];
-                    assert!(
-                        (sums[c][i] - expected).abs() <= 1e-6 * expected.abs(),
-                        "{} {expected}",
-                        sums[c][i]
-                    );
+                for row in 0..rows {
+                    let (mut expected, mut scale) = (f64::from(start[c][row]), 0.0);
+                    for direction in 0..3 {
+                        for at in (0..kept).filter(|at| bright[at / RUN]) {
+                            let of_v =
+                                f64::from(plain[direction * kept + at]) * f64::from(v_scales[direction]);
+                            let of_u =
+                                f64::from(plain[direction * rows + row]) * f64::from(u_scales[direction]);
+                            let term = of_u * of_v * f64::from(light[c][at]);
+                            expected += term;
+                            scale += term.abs();
+                        }
+                    }
+                    let off = (f64::from(sums[c][row]) - expected).abs();
+                    assert!(off <= 1e-6 * (scale + 1.0), "{} {expected}", sums[c][row]);
                 }
             }
         }
+    }
+
+    #[test]
+    fn squares_are_those_of_the_values_one_by_one() {
+        let packed = packed(&some());
+        let plain = values(packed.runs());
         let squares: f32 = plain.iter().map(|&q| f32::from(q).powi(2)).sum();
         assert!((packed.runs().square() / squares - 1.0).abs() < 1e-5);
+        let mut sums = vec![1.0; plain.len()];
+        packed.runs().add_squares(0.5, &mut sums);
+        for (sum, q) in sums.iter().zip(plain) {
+            let expected = 1.0 + 0.5 * f32::from(q).powi(2);
+            assert!((sum - expected).abs() <= 1e-6 * expected, "{sum} {expected}");
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The sums for every processor: the twin that the others are compared with.
 
-use super::{LANES, RUN, Runs, run_bytes};
+use super::{LANES, Product, RUN, Runs, run_bytes};
 
 /// The values of a run of at most 8 bits each.
 #[inline(always)]
@@ -62,32 +62,38 @@ pub(super) fn for_runs(runs: Runs<'_>, mut each: impl FnMut(usize, &[f32; RUN]))
     }
 }
 
-/// See [`Runs::dot`].
-pub(super) fn dot(runs: Runs<'_>, bright: &[bool], x: [&[f32]; 3]) -> [f32; 3] {
-    let mut sums = [[0.0_f32; LANES]; 3];
-    for_runs(runs, |run, q| {
-        if !bright[run] {
-            return;
-        }
-        for (sums, x) in sums.iter_mut().zip(x) {
-            for (q, x) in q.chunks_exact(LANES).zip(x[run * RUN..][..RUN].chunks_exact(LANES)) {
-                for lane in 0..LANES {
-                    sums[lane] += q[lane] * x[lane];
+/// See [`Product::add`].
+pub(super) fn add(product: Product<'_>, light: [&[f32]; 3], bright: &[bool], mut sums: [&mut [f32]; 3]) {
+    let Product { mut v, v_scales, mut u, u_scales } = product;
+    let runs = sums[0].len() / RUN;
+    for (&v_scale, &u_scale) in v_scales.iter().zip(u_scales) {
+        let mut y = [0.0; 3];
+        for_runs(v.take(bright.len()), |run, q| {
+            if bright[run] {
+                for (y, light) in y.iter_mut().zip(light) {
+                    *y += dot(q, &light[run * RUN..][..RUN]);
                 }
             }
-        }
-    });
-    sums.map(|lanes| lanes.iter().sum())
+        });
+        let y = y.map(|y| y * v_scale * u_scale);
+        for_runs(u.take(runs), |run, q| {
+            for (sums, y) in sums.iter_mut().zip(y) {
+                let sums = &mut sums[run * RUN..][..RUN];
+                for place in 0..RUN {
+                    sums[place] += q[place] * y;
+                }
+            }
+        });
+    }
 }
 
-/// See [`Runs::add_weighted`].
-pub(super) fn add_weighted(runs: Runs<'_>, y: [f32; 3], mut sums: [&mut [f32]; 3]) {
-    for_runs(runs, |run, q| {
-        for (sums, y) in sums.iter_mut().zip(y) {
-            let sums = &mut sums[run * RUN..][..RUN];
-            for place in 0..RUN {
-                sums[place] += q[place] * y;
-            }
+#[inline(always)]
+fn dot(q: &[f32; RUN], x: &[f32]) -> f32 {
+    let mut sums = [0.0_f32; LANES];
+    for (q, x) in q.chunks_exact(LANES).zip(x.chunks_exact(LANES)) {
+        for lane in 0..LANES {
+            sums[lane] += q[lane] * x[lane];
         }
-    });
+    }
+    sums.iter().sum()
 }

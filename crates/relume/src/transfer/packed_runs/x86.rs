@@ -7,7 +7,7 @@
 use std::arch::x86_64::*;
 use std::sync::LazyLock;
 
-use super::{LANES, RUN, Runs, run_bytes};
+use super::{LANES, Product, RUN, Runs, run_bytes};
 
 /// Bytes that a run is unpacked from: those of the widest by the table.
 const MOST: usize = 64;
@@ -55,26 +55,21 @@ const fn unpackings() -> [Unpacking; 9] {
 static IS_THERE: LazyLock<bool> =
     LazyLock::new(|| is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"));
 
-/// See [`Runs::dot`]; `None` on other processors.
-pub(super) fn dot(runs: Runs<'_>, bright: &[bool], x: [&[f32]; 3]) -> Option<[f32; 3]> {
-    #[expect(unsafe_code, reason = "the processor was asked")]
-    IS_THERE.then(|| unsafe { fused_dot(runs, bright, x) })
+/// Whether the processor has both.
+pub(super) fn is_there() -> bool {
+    *IS_THERE
 }
 
-/// See [`Runs::add_weighted`]; gives `sums` back on other processors.
-pub(super) fn add_weighted<'a>(
-    runs: Runs<'_>,
-    y: [f32; 3],
-    sums: [&'a mut [f32]; 3],
-) -> Option<[&'a mut [f32]; 3]> {
-    if !*IS_THERE {
-        return Some(sums);
-    }
+/// See [`Product::add`].
+///
+/// # Panics
+/// Unless the processor [`is_there`].
+pub(super) fn add(product: Product<'_>, light: [&[f32]; 3], bright: &[bool], sums: [&mut [f32]; 3]) {
+    assert!(is_there());
     #[expect(unsafe_code, reason = "the processor was asked")]
     unsafe {
-        add_fused(runs, y, sums);
+        add_fused(product, light, bright, sums);
     }
-    None
 }
 
 /// The first bytes, then any.
@@ -142,27 +137,27 @@ fn sum([low, high]: Floats) -> f32 {
     ((a + e) + (b + f)) + ((c + g) + (d + h))
 }
 
-/// Calls `each` with the number of every run that is `taken` and its four times 16 values. Written once for each sum, so that all
-/// is put in place: calls within the loop cost more than the sums.
+/// Calls `each` with the number of every run that is `taken` and its four times 16 values; `bytes` are afterwards those that follow. Everything is
+/// put in place where it is called: calls within the loop cost more than the sums.
 #[inline]
 #[target_feature(enable = "avx2,fma")]
 fn for_runs(
-    runs: Runs<'_>,
+    widths: &[u8],
+    bytes: &mut &[u8],
     taken: impl Fn(usize) -> bool,
     mut each: impl FnMut(usize, [Floats; RUN / LANES]),
 ) {
-    let mut rest = runs.bytes;
-    for (run, &width) in runs.widths.iter().enumerate() {
-        let bytes = rest;
-        rest = &rest[run_bytes(width)..];
+    for (run, &width) in widths.iter().enumerate() {
+        let rest = *bytes;
+        *bytes = &rest[run_bytes(width)..];
         if !taken(run) {
             continue;
         }
         let values = if width > 8 {
-            let (blocks, _) = bytes.as_chunks::<{ 2 * LANES }>();
+            let (blocks, _) = rest.as_chunks::<{ 2 * LANES }>();
             std::array::from_fn(|value| wide(&blocks[value]))
         } else {
-            let words = words(&UNPACKING[usize::from(width)], &head(bytes));
+            let words = words(&UNPACKING[usize::from(width)], &head(rest));
             let width = i32::from(width);
             let down = _mm_cvtsi32_si128(32 - width);
             std::array::from_fn(|value| {
@@ -175,43 +170,49 @@ fn for_runs(
 }
 
 #[target_feature(enable = "avx2,fma")]
-fn fused_dot(runs: Runs<'_>, bright: &[bool], x: [&[f32]; 3]) -> [f32; 3] {
-    let [(red, _), (green, _), (blue, _)] = x.map(|x| x.as_chunks::<RUN>());
-    let mut sums = [[_mm256_setzero_ps(); PARTS]; 3];
-    for_runs(
-        runs,
-        |run| bright[run],
-        |run, values| {
-            let x = [&red[run], &green[run], &blue[run]];
-            for (value, q) in values.iter().enumerate() {
-                for (sums, x) in sums.iter_mut().zip(x) {
-                    for part in 0..PARTS {
-                        sums[part] = _mm256_fmadd_ps(q[part], load(x, value * PARTS + part), sums[part]);
+fn add_fused(product: Product<'_>, light: [&[f32]; 3], bright: &[bool], sums: [&mut [f32]; 3]) {
+    let [(red, _), (green, _), (blue, _)] = light.map(|light| light.as_chunks::<RUN>());
+    let [(reds, _), (greens, _), (blues, _)] = sums.map(|sums| sums.as_chunks_mut::<RUN>());
+    let Product {
+        v: Runs { widths: mut v_widths, bytes: mut v },
+        u: Runs { widths: mut u_widths, bytes: mut u },
+        ..
+    } = product;
+    for (&v_scale, &u_scale) in product.v_scales.iter().zip(product.u_scales) {
+        let of_v = v_widths.split_off(..bright.len()).unwrap_or_default();
+        let of_u = u_widths.split_off(..reds.len()).unwrap_or_default();
+        let mut y = [[_mm256_setzero_ps(); PARTS]; 3];
+        for_runs(
+            of_v,
+            &mut v,
+            |run| bright[run],
+            |run, values| {
+                let light = [&red[run], &green[run], &blue[run]];
+                for (value, q) in values.iter().enumerate() {
+                    for (y, light) in y.iter_mut().zip(light) {
+                        for part in 0..PARTS {
+                            y[part] = _mm256_fmadd_ps(q[part], load(light, value * PARTS + part), y[part]);
+                        }
                     }
                 }
-            }
-        },
-    );
-    sums.map(|lanes| sum(lanes))
-}
-
-#[target_feature(enable = "avx2,fma")]
-fn add_fused(runs: Runs<'_>, y: [f32; 3], sums: [&mut [f32]; 3]) {
-    let y = y.map(|y| _mm256_set1_ps(y));
-    let [(red, _), (green, _), (blue, _)] = sums.map(|sums| sums.as_chunks_mut::<RUN>());
-    for_runs(
-        runs,
-        |_| true,
-        |run, values| {
-            let mut sums = [&mut red[run], &mut green[run], &mut blue[run]];
-            for (value, q) in values.iter().enumerate() {
-                for (sums, y) in sums.iter_mut().zip(y) {
-                    for part in 0..PARTS {
-                        let place = value * PARTS + part;
-                        store(sums, place, _mm256_fmadd_ps(q[part], y, load(sums, place)));
+            },
+        );
+        let y = y.map(|lanes| _mm256_set1_ps(sum(lanes) * v_scale * u_scale));
+        for_runs(
+            of_u,
+            &mut u,
+            |_| true,
+            |run, values| {
+                let mut sums = [&mut reds[run], &mut greens[run], &mut blues[run]];
+                for (value, q) in values.iter().enumerate() {
+                    for (sums, y) in sums.iter_mut().zip(y) {
+                        for part in 0..PARTS {
+                            let place = value * PARTS + part;
+                            store(sums, place, _mm256_fmadd_ps(q[part], y, load(sums, place)));
+                        }
                     }
                 }
-            }
-        },
-    );
+            },
+        );
+    }
 }

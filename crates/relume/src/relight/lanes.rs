@@ -1,0 +1,166 @@
+//! View samples shaded side by side.
+
+use std::f32::consts::{FRAC_1_PI, PI};
+
+use glam::Vec3;
+use multiversion::multiversion;
+
+/// Samples that are shaded together.
+pub(super) const LANES: usize = 16;
+
+/// One value a sample.
+type Lane = [f32; LANES];
+
+/// A view sample and the light that arrives there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LitSample {
+    /// Unit, that is shaded by.
+    pub(super) normal: Vec3,
+    /// Unit, to where light goes.
+    pub(super) view: Vec3,
+    /// Unit, to where it comes from, above the normal's horizon.
+    pub(super) light: Vec3,
+    /// Diffuse albedo without the share of the specular lobe.
+    pub(super) k_d: Vec3,
+    /// Specular reflectance at normal incidence.
+    pub(super) f0: Vec3,
+    /// Specular reflectance at grazing angles.
+    pub(super) f90: f32,
+    /// Perceptual roughness.
+    pub(super) roughness: f32,
+    /// Irradiance, cosine included, times what of the reflected light reaches the camera, W/m^2.
+    pub(super) arriving: Vec3,
+}
+
+/// Some of them, as structure of arrays by axis or colour.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Lanes {
+    normal: [Lane; 3],
+    view: [Lane; 3],
+    light: [Lane; 3],
+    k_d: [Lane; 3],
+    f0: [Lane; 3],
+    f90: Lane,
+    roughness: Lane,
+    arriving: [Lane; 3],
+}
+
+impl Lanes {
+    pub(super) fn set(&mut self, lane: usize, sample: &LitSample) {
+        let vectors = [
+            (&mut self.normal, sample.normal),
+            (&mut self.view, sample.view),
+            (&mut self.light, sample.light),
+            (&mut self.k_d, sample.k_d),
+            (&mut self.f0, sample.f0),
+            (&mut self.arriving, sample.arriving),
+        ];
+        for (lanes, vector) in vectors {
+            [lanes[0][lane], lanes[1][lane], lanes[2][lane]] = vector.to_array();
+        }
+        (self.f90[lane], self.roughness[lane]) = (sample.f90, sample.roughness);
+    }
+
+    /// Radiance that reaches the camera, W/(sr m^2), RGB: [`Surface::specular`](crate::shade::Surface::specular) and the diffuse lobe, term by term.
+    pub(super) fn shade(&self) -> [Lane; 3] {
+        let mut radiance = [[0.0; LANES]; 3];
+        shade(self, &mut radiance);
+        radiance
+    }
+}
+
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn shade(lanes: &Lanes, radiance: &mut [Lane; 3]) {
+    let Lanes { normal: [nx, ny, nz], view: [vx, vy, vz], light: [lx, ly, lz], f0, k_d, arriving, .. } =
+        lanes;
+    let (mut facets, mut schlick) = ([0.0; LANES], [0.0; LANES]);
+    for i in 0..LANES {
+        let n = [nx[i], ny[i], nz[i]];
+        let (v, l) = ([vx[i], vy[i], vz[i]], [lx[i], ly[i], lz[i]]);
+        let (cos_view, cos_light) = (dot(n, v), dot(n, l));
+        let between = [v[0] + l[0], v[1] + l[1], v[2] + l[2]];
+        let length2 = dot(between, between);
+        let recip = 1.0 / length2.sqrt();
+        let apart = length2 > 1e-30;
+        let [hx, hy, hz]: [f32; 3] =
+            [0, 1, 2].map(|axis| if apart { between[axis] * recip } else { n[axis] });
+        let cos_half = dot(n, [hx, hy, hz]);
+        let cross = [n[1] * hz - n[2] * hy, n[2] * hx - n[0] * hz, n[0] * hy - n[1] * hx];
+        let alpha = lanes.roughness[i] * lanes.roughness[i];
+        let alpha2 = alpha * alpha;
+        let slope = dot(cross, cross) / alpha2 + cos_half * cos_half;
+        let distribution = 1.0 / (PI * alpha2 * slope * slope);
+        let root = |cos: f32| (alpha2 + (1.0 - alpha2) * cos * cos).sqrt();
+        let visibility = 0.5 / (cos_light * root(cos_view) + cos_view * root(cos_light));
+        let seen = (cos_view > 0.0) & (lanes.f90[i] != 0.0);
+        facets[i] = if seen { distribution * visibility } else { 0.0 };
+        let x = (1.0 - dot(v, [hx, hy, hz])).clamp(0.0, 1.0);
+        schlick[i] = x * x * (x * x) * x;
+    }
+    for channel in 0..3 {
+        let (f0, k_d, arriving) = (&f0[channel], &k_d[channel], &arriving[channel]);
+        for i in 0..LANES {
+            let fresnel = f0[i] + (lanes.f90[i] - f0[i]) * schlick[i];
+            radiance[channel][i] = (k_d[i] * FRAC_1_PI + fresnel * facets[i]) * arriving[i];
+        }
+    }
+}
+
+#[inline(always)]
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shade::{MIN_ROUGHNESS, Surface};
+    use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d, uniform_sphere, unit};
+
+    #[test]
+    fn lanes_shade_as_surfaces_do() {
+        let mut lanes = Lanes::default();
+        let mut expected = Vec::new();
+        for number in 0..2000_u32 {
+            let random = |dimension: u32| unit(hash(dimension, number));
+            let normal = uniform_sphere(sobol_2d(number, 0, 1));
+            let polished = number % 3 == 0;
+            let surface = Surface {
+                shading_normal: normal,
+                specular_f0: Vec3::new(random(1), random(2), random(3)),
+                // some reflect without a lobe, some views come from behind
+                specular_f90: if number % 11 == 0 { 0.0 } else { 1.0 },
+                roughness: if polished { MIN_ROUGHNESS } else { random(4).max(MIN_ROUGHNESS) },
+                ..Surface::BLACK
+            };
+            let light = cosine_hemisphere(normal, sobol_2d(number, 1, 2));
+            let view = match number % 5 {
+                0 => uniform_sphere(sobol_2d(number, 1, 3)),
+                // towards the peak of the lobe, as far as f32 can tell
+                1 => (2.0 * normal.dot(light) * normal - light).normalize(),
+                _ => cosine_hemisphere(normal, sobol_2d(number, 1, 4)),
+            };
+            let (k_d, arriving) = (Vec3::new(random(5), random(6), 0.0), Vec3::new(1.0, 2.0, random(7)));
+            let sample = LitSample {
+                normal,
+                view,
+                light,
+                k_d,
+                f0: surface.specular_f0,
+                f90: surface.specular_f90,
+                roughness: surface.roughness,
+                arriving,
+            };
+            lanes.set(number as usize % LANES, &sample);
+            expected.push((k_d * FRAC_1_PI + surface.specular(view, light)) * arriving);
+            if expected.len() == LANES {
+                let shaded = lanes.shade();
+                for (lane, expected) in expected.drain(..).enumerate() {
+                    let found = Vec3::from(shaded.map(|channel| channel[lane]));
+                    let off = (found - expected).abs().max_element();
+                    assert!(off <= 1e-5 * expected.max_element(), "{number}: {found} {expected}");
+                }
+            }
+        }
+    }
+}

@@ -90,29 +90,34 @@ pub(super) fn direct(
         .enumerate()
         .map(|(row, ((pixels, samples), tiles))| {
             let (first, height) = (row * TILE * width * a_pixel, pixels.len() / width);
-            let reached = (0..width).step_by(TILE).zip(tiles).filter(|(_, tile)| prepared.may_reach(tile));
-            let seen = reached
-                .flat_map(|(column, _)| of_tile(column, (width, height)))
-                .flat_map(|pixel| pixel * a_pixel..(pixel + 1) * a_pixel)
-                .map(|index| {
-                    let sample = &samples[index];
-                    let view = (camera - sample.position) / sample.depth;
-                    (index, Seen { sample, view, throughput: Vec3::ONE })
-                });
-            shading.run(seen, first, |index, radiance| pixels[index / a_pixel] += radiance * share)
+            let mut task =
+                Task::new(&shading, first, |index, radiance| pixels[index / a_pixel] += radiance * share);
+            for (column, tile) in (0..width).step_by(TILE).zip(tiles) {
+                if !prepared.may_reach(tile) {
+                    continue;
+                }
+                for pixel in of_tile(column, (width, height)) {
+                    for (index, sample) in (pixel * a_pixel..).zip(&samples[pixel * a_pixel..][..a_pixel]) {
+                        let view = (camera - sample.position) / sample.depth;
+                        task.take(index, &Seen { sample, view, throughput: Vec3::ONE });
+                    }
+                }
+            }
+            task.finish()
         })
         .sum();
+    let alone = Shading { shared_by: 1, ..shading };
     let behind = chains.branches.par_chunks(CHUNK).enumerate().map(|(chunk, branches)| {
-        let seen = branches.iter().enumerate().map(|(index, branch)| {
-            let throughput = branch.throughput.get();
-            (index, Seen { sample: &branch.sample, view: branch.view(), throughput })
-        });
         let mut lit = Vec::new();
         let first = samples.len() + chunk * CHUNK;
-        let alone = Shading { shared_by: 1, ..shading };
-        let rays = alone.run(seen, first, |index, radiance| {
+        let mut task = Task::new(&alone, first, |index: usize, radiance| {
             lit.push((branches[index].owner as usize / a_pixel, radiance * share));
         });
+        for (index, branch) in branches.iter().enumerate() {
+            let throughput = branch.throughput.get();
+            task.take(index, &Seen { sample: &branch.sample, view: branch.view(), throughput });
+        }
+        let rays = task.finish();
         (lit, rays)
     });
     let behind: Vec<_> = behind.collect();
@@ -162,90 +167,109 @@ struct Waiting<'a> {
     ray: usize,
 }
 
-impl Shading<'_> {
-    /// Tells `add` the numbers of the samples that light reaches, and what of it reaches the camera, ray by ray. `first` is the number of the
-    /// first sample for the random numbers. Returns the rays.
-    fn run<'s>(
-        &self,
-        seen: impl Iterator<Item = (usize, Seen<'s>)>,
-        first: usize,
-        mut add: impl FnMut(usize, Vec3),
-    ) -> u64 {
-        let (mut rays, mut waiting): (Vec<Ray>, Vec<Waiting<'_>>) = (Vec::new(), Vec::new());
-        let (mut count, mut geometric) = (0, Normals::default());
-        let mut shading = Normals::default();
-        let width = self.view.samples.width;
-        for (index, seen) in seen.filter(|(_, seen)| seen.sample.reflects()) {
-            let group = index / self.shared_by;
-            let goes_on =
-                self.shared_by > 1 && waiting.last().is_some_and(|last| last.index / self.shared_by == group);
-            if rays.len() >= BATCH && !goes_on {
-                count += self.finish(&mut rays, &mut waiting, &mut add);
-            }
-            for which in 0..self.rays {
-                let number = first + index;
-                let Some(arriving) = self.arriving(seen.sample, number, which) else { continue };
-                let normal = geometric.get(seen.sample.geometric_normal);
-                if normal.dot(arriving.direction) <= 0.0 {
-                    continue;
-                }
-                let shading_normal = shading.get(seen.sample.shading_normal);
-                let cos = shading_normal.dot(arriving.direction);
-                if cos <= 0.0 {
-                    continue;
-                }
-                let ray = || shade::shadow_ray(seen.sample.position, normal, &arriving);
-                if goes_on || (which > 0 && self.shared_by > 1) {
-                    let pixel = number / self.shared_by;
-                    let favoured = (pixel % width + 2 * (pixel / width)) % self.shared_by;
-                    if index % self.shared_by == favoured
-                        && let Some(chosen) = rays.last_mut()
-                    {
-                        *chosen = ray();
-                    }
-                } else {
-                    rays.push(ray());
-                }
-                let ray = rays.len() - 1;
-                waiting.push(Waiting { index, seen, shading_normal, arriving, cos, ray });
-            }
+/// Some samples on their way: rays wait until there are enough to be traced.
+struct Task<'a, F> {
+    shading: &'a Shading<'a>,
+    /// The number of the first sample for the random numbers.
+    first: usize,
+    rays: Vec<Ray>,
+    waiting: Vec<Waiting<'a>>,
+    geometric_normals: Normals,
+    shading_normals: Normals,
+    /// Rays that were traced.
+    traced: u64,
+    /// Is told the numbers of the samples that light reaches, and what of it reaches the camera, ray by ray.
+    add: F,
+}
+
+impl<'a, F: FnMut(usize, Vec3)> Task<'a, F> {
+    fn new(shading: &'a Shading<'a>, first: usize, add: F) -> Self {
+        Self {
+            shading,
+            first,
+            rays: Vec::new(),
+            waiting: Vec::new(),
+            geometric_normals: Normals::default(),
+            shading_normals: Normals::default(),
+            traced: 0,
+            add,
         }
-        count + self.finish(&mut rays, &mut waiting, &mut add)
     }
 
-    /// Traces the `rays`, tells `add` of what waits for those that are free, and empties both. Returns how many rays there were.
-    fn finish(
-        &self,
-        rays: &mut Vec<Ray>,
-        waiting: &mut Vec<Waiting<'_>>,
-        add: &mut impl FnMut(usize, Vec3),
-    ) -> u64 {
-        let count = rays.len() as u64;
-        let mut blocked = vec![false; rays.len()];
-        self.accel.occluded_batch(rays, &mut blocked);
-        rays.clear();
-        let mut lanes = Lanes::default();
-        let mut owners = [0; LANES];
+    /// Sends rays from a sample to the light, where that is above its horizon. Samples that share a ray come one after the other.
+    #[inline]
+    fn take(&mut self, index: usize, seen: &Seen<'a>) {
+        let (sample, shared_by) = (seen.sample, self.shading.shared_by);
+        if !sample.reflects() {
+            return;
+        }
+        let shares = shared_by > 1
+            && self.waiting.last().is_some_and(|last| last.index / shared_by == index / shared_by);
+        if self.rays.len() >= BATCH && !shares {
+            self.trace();
+        }
+        for which in 0..self.shading.rays {
+            let number = self.first + index;
+            let Some(arriving) = self.shading.arriving(sample, number, which) else { continue };
+            let normal = self.geometric_normals.get(sample.geometric_normal);
+            let shading_normal = self.shading_normals.get(sample.shading_normal);
+            let cos = shading_normal.dot(arriving.direction);
+            if normal.dot(arriving.direction) <= 0.0 || cos <= 0.0 {
+                continue;
+            }
+            if !shares {
+                self.rays.push(shade::shadow_ray(sample.position, normal, &arriving));
+            } else if self.shading.is_favoured(number)
+                && let Some(chosen) = self.rays.last_mut()
+            {
+                *chosen = shade::shadow_ray(sample.position, normal, &arriving);
+            }
+            let ray = self.rays.len() - 1;
+            self.waiting.push(Waiting { index, seen: *seen, shading_normal, arriving, cos, ray });
+        }
+    }
+
+    /// Traces what waits, and returns how many rays there were in all.
+    fn finish(mut self) -> u64 {
+        self.trace();
+        self.traced
+    }
+
+    /// Traces the rays, and shades what waits for those that are free.
+    fn trace(&mut self) {
+        let mut blocked = vec![false; self.rays.len()];
+        self.shading.accel.occluded_batch(&self.rays, &mut blocked);
+        self.traced += self.rays.len() as u64;
+        self.rays.clear();
+        let (mut lanes, mut owners) = (Lanes::default(), [0; LANES]);
         let mut filled = 0;
-        let mut empty = |lanes: &Lanes, owners: &[usize]| {
+        let mut shade = |lanes: &Lanes, owners: &[usize]| {
             let radiance = lanes.shade();
             for (lane, &index) in owners.iter().enumerate() {
-                add(index, Vec3::from(radiance.map(|channel| channel[lane])));
+                (self.add)(index, Vec3::from(radiance.map(|channel| channel[lane])));
             }
         };
-        for waiting in waiting.drain(..).filter(|waiting| !blocked[waiting.ray]) {
+        for waiting in self.waiting.drain(..).filter(|waiting| !blocked[waiting.ray]) {
             owners[filled] = waiting.index;
-            lanes.set(filled, &self.lit(&waiting));
+            lanes.set(filled, &self.shading.lit(&waiting));
             filled += 1;
             if filled == LANES {
-                empty(&lanes, &owners);
+                shade(&lanes, &owners);
                 filled = 0;
             }
         }
-        empty(&lanes, &owners[..filled]);
-        count
+        shade(&lanes, &owners[..filled]);
+    }
+}
+
+impl Shading<'_> {
+    /// Whether a sample, by its number, is the one that its pixel's ray starts from.
+    fn is_favoured(&self, number: usize) -> bool {
+        let (pixel, width) = (number / self.shared_by, self.view.samples.width);
+        number % self.shared_by == (pixel % width + 2 * (pixel / width)) % self.shared_by
     }
 
+    #[inline(always)]
     fn arriving(&self, sample: &ViewSample, number: usize, which: usize) -> Option<LightSample> {
         let random = if self.light.needs_samples() {
             sobol_2d(which as u32, 0, hash(number as u32, 0x51_a9))

@@ -23,7 +23,7 @@ pub struct Image {
 impl Image {
     /// A black image.
     pub fn new(width: usize, height: usize) -> Self {
-        Self { width, height, pixels: vec![Vec3::ZERO; width * height] }
+        Self { width, height, pixels: bytemuck::zeroed_vec(width * height) }
     }
 }
 

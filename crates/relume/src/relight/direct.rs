@@ -81,7 +81,7 @@ pub(super) fn direct(
     let shading =
         Shading { light: &prepared, view, rays, accel, shared_by: if shares { a_pixel } else { 1 } };
     let share = 1.0 / (a_pixel * rays) as f32;
-    let mut pixels = vec![Vec3::ZERO; view.samples.pixels()];
+    let mut pixels = bytemuck::zeroed_vec(view.samples.pixels());
     let width = view.samples.width;
     let straight: u64 = pixels
         .par_chunks_mut(TILE * width)

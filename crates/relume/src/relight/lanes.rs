@@ -5,11 +5,8 @@ use std::f32::consts::{FRAC_1_PI, PI};
 use glam::Vec3;
 use multiversion::multiversion;
 
-/// Samples that are shaded together.
-pub(super) const LANES: usize = 16;
-
-/// One value a sample.
-type Lane = [f32; LANES];
+pub(super) use crate::shade::LANES;
+use crate::shade::Lane;
 
 /// A view sample and the light that arrives there.
 #[derive(Clone, Copy, Debug)]

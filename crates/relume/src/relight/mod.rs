@@ -62,7 +62,7 @@ pub struct RelightSettings {
     pub cull: Option<f32>,
     /// For dragging: what is not known yet from an earlier frame is lit coarsely; the rest is shown as it was. Left out are, of shadow rays from what the
     /// camera sees straight, three in four at 2x2 samples (shadows are as sharp as a pixel) and towards lights with extent (grain); in
-    /// indirect light shadows' edges finer than a gather sample; and all bounces after the fourth, which are guessed. A frame without it then lights these
+    /// indirect light shadows' edges finer than a gather sample; and all bounces after the third, which are guessed. A frame without it then lights these
     /// lights anew.
     pub preview: bool,
 }

@@ -13,6 +13,7 @@ use std::ops::Range;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::patch_light::unshadowed;
 use super::{GatherCloud, SUB_SAMPLES, SubSample};
 use crate::scene::Light;
 use crate::shade::{self, PointGroup, PreparedLight};
@@ -26,7 +27,7 @@ const NEIGHBOURS: usize = 16;
 /// Sub-samples that are asked for together whether a light could reach them: those of four patches, siblings in the cluster tree.
 const CLOUD_GROUP: usize = 4 * SUB_SAMPLES;
 /// Patches that one task shades.
-const CHUNK: usize = 1024;
+const CHUNK: usize = 256;
 
 /// One light's direct light on the cloud.
 #[derive(Clone, Debug, Default)]
@@ -72,26 +73,22 @@ pub fn illuminate_with(
 ) -> CloudLight {
     let prepared = PreparedLight::new(light);
     let surfaces = cloud.surfaces().len();
-    let chunks: Vec<(Vec<Vec3>, u64)> = (0..surfaces)
-        .into_par_iter()
-        .step_by(CHUNK)
-        .map(|first| {
-            let last = (first + CHUNK).min(surfaces);
+    // lamps do not shine on the sky, whose samples come last
+    let mut radiance: Vec<Vec3> = bytemuck::zeroed_vec(cloud.len());
+    let shadow_rays = radiance[..surfaces]
+        .par_chunks_mut(CHUNK)
+        .enumerate()
+        .map(|(chunk, radiance)| {
+            let first = chunk * CHUNK;
+            let last = first + radiance.len();
             let reaches = |patch: usize| {
                 let group = patch * SUB_SAMPLES / CLOUD_GROUP;
                 groups.is_none_or(|groups| prepared.may_reach(&groups[group]))
             };
-            Chunk::new(cloud, accel, &prepared, first..last, reaches).run(detail)
+            Chunk::new(cloud, accel, &prepared, first..last, reaches).run(detail, radiance)
         })
-        .collect();
-    let mut result = CloudLight { radiance: Vec::with_capacity(cloud.len()), shadow_rays: 0 };
-    for (radiance, rays) in chunks {
-        result.radiance.extend(radiance);
-        result.shadow_rays += rays;
-    }
-    // lamps do not shine on the sky
-    result.radiance.resize(cloud.len(), Vec3::ZERO);
-    result
+        .sum();
+    CloudLight { radiance, shadow_rays }
 }
 
 struct Chunk<'a> {
@@ -101,6 +98,8 @@ struct Chunk<'a> {
     sub_samples: &'a [SubSample],
     /// Outgoing radiance of each quarter of each patch without shadow.
     quarters: Vec<[Vec3; 4]>,
+    /// A bit for each sub-sample of each patch that the light shines on without shadow.
+    lit: Vec<u32>,
     rays: u64,
 }
 
@@ -137,20 +136,23 @@ impl<'a> Chunk<'a> {
         reaches: impl Fn(usize) -> bool,
     ) -> Self {
         let sub_samples = &cloud.sub_samples[patches.start * SUB_SAMPLES..patches.end * SUB_SAMPLES];
-        let mut quarters = vec![[Vec3::ZERO; 4]; patches.len()];
-        let together = sub_samples.chunks(CLOUD_GROUP).zip(quarters.chunks_mut(CLOUD_GROUP / SUB_SAMPLES));
-        for (group, (subs, quarters)) in together.enumerate() {
-            if reaches(patches.start + group * (CLOUD_GROUP / SUB_SAMPLES)) {
-                for (part, quarter) in subs.chunks_exact(QUARTER).zip(quarters.as_flattened_mut()) {
-                    *quarter = part.iter().map(|sub| unshadowed(light, sub)).sum();
-                }
+        let (mut quarters, mut lit) = (vec![[Vec3::ZERO; 4]; patches.len()], vec![0; patches.len()]);
+        let group = CLOUD_GROUP / SUB_SAMPLES;
+        for start in (0..patches.len()).step_by(group).filter(|start| reaches(patches.start + start)) {
+            let subs = sub_samples[start * SUB_SAMPLES..].as_chunks().0;
+            for (patch, subs) in (start..patches.len()).zip(subs).take(group) {
+                let light = unshadowed(light, subs);
+                let (parts, _) = light.as_chunks::<QUARTER>();
+                quarters[patch] = std::array::from_fn(|quarter| parts[quarter].iter().sum());
+                let bits = (0..).zip(light).map(|(place, light)| u32::from(light != Vec3::ZERO) << place);
+                lit[patch] = bits.sum();
             }
         }
-        Self { accel, light, first: patches.start, sub_samples, quarters, rays: 0 }
+        Self { accel, light, first: patches.start, sub_samples, quarters, lit, rays: 0 }
     }
 
-    fn run(mut self, detail: Detail) -> (Vec<Vec3>, u64) {
-        let mut radiance = vec![Vec3::ZERO; self.quarters.len()];
+    /// Lights the patches, which are dark before. Returns the rays.
+    fn run(mut self, detail: Detail, radiance: &mut [Vec3]) -> u64 {
         let lit: Vec<usize> =
             (0..self.quarters.len()).filter(|&p| self.quarters[p].iter().any(|q| *q != Vec3::ZERO)).collect();
         let refined: Vec<usize> = if self.light.needs_samples() {
@@ -171,8 +173,8 @@ impl<'a> Chunk<'a> {
             }
             refined
         };
-        self.quarter_rays(&refined, detail, &mut radiance);
-        (radiance, self.rays)
+        self.quarter_rays(&refined, detail, radiance);
+        self.rays
     }
 
     /// Two rays for each patch of `lit`, from its brightest quarter and the one across.
@@ -233,8 +235,8 @@ impl<'a> Chunk<'a> {
     fn single_rays(&mut self, patches: &[usize], radiance: &mut [Vec3]) {
         let (mut asked, mut rays) = (Vec::new(), Vec::new());
         for &patch in patches {
-            for sub in &self.sub_samples[patch * SUB_SAMPLES..(patch + 1) * SUB_SAMPLES] {
-                let light = unshadowed(self.light, sub);
+            let subs = self.patch(patch);
+            for (sub, light) in subs.iter().zip(unshadowed(self.light, subs)) {
                 if let Some(sample) =
                     self.light.sample(sub.position, Vec2::ZERO).filter(|_| light != Vec3::ZERO)
                 {
@@ -251,15 +253,18 @@ impl<'a> Chunk<'a> {
         }
     }
 
+    /// Its sub-samples.
+    fn patch(&self, patch: usize) -> &'a [SubSample; SUB_SAMPLES] {
+        &self.sub_samples.as_chunks().0[patch]
+    }
+
     /// A shadow ray from a lit sub-sample of a quarter of a patch.
     fn ray(&self, patch: usize, quarter: usize, which: usize) -> Ray {
-        let start = patch * SUB_SAMPLES + quarter * QUARTER;
-        let part = &self.sub_samples[start..start + QUARTER];
         let place = (0..QUARTER)
-            .map(|step| (which + step) % QUARTER)
-            .find(|&place| unshadowed(self.light, &part[place]) != Vec3::ZERO)
-            .unwrap_or(0);
-        let sub = &part[place];
+            .map(|step| quarter * QUARTER + (which + step) % QUARTER)
+            .find(|&place| self.lit[patch] >> place & 1 != 0)
+            .unwrap_or(quarter * QUARTER);
+        let sub = &self.patch(patch)[place];
         let seed = hash((self.first + patch) as u32, 0x11_6847);
         let random = if self.light.needs_samples() { sobol_2d(quarter as u32, 0, seed) } else { Vec2::ZERO };
         match self.light.sample(sub.position, random) {
@@ -272,13 +277,4 @@ impl<'a> Chunk<'a> {
 /// The quarter that matters most.
 fn brightest(quarters: &[Vec3; 4]) -> usize {
     (0..4).fold(0, |best, q| if quarters[q].element_sum() > quarters[best].element_sum() { q } else { best })
-}
-
-fn unshadowed(light: &PreparedLight, sub: &SubSample) -> Vec3 {
-    let Some(sample) = light.center(sub.position) else { return Vec3::ZERO };
-    let cos = sub.normal.get().dot(sample.direction);
-    if cos <= 0.0 {
-        return Vec3::ZERO;
-    }
-    sub.albedo.get() * sample.irradiance * (cos * sub.weight() * std::f32::consts::FRAC_1_PI)
 }

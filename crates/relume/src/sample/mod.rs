@@ -8,6 +8,7 @@ mod cloud;
 mod gather_sample;
 mod illumination;
 mod packed;
+mod patch_light;
 mod reach;
 mod receivers;
 mod records;

@@ -24,9 +24,14 @@ impl PackedNormal {
         Self([x as u16, y as u16])
     }
 
+    /// Its place on the unfolded octahedron, -1 to 1.
+    pub(super) fn sides(self) -> [f32; 2] {
+        self.0.map(|side| f32::from(side) * (2.0 / 65535.0) - 1.0)
+    }
+
     /// The unit vector.
     pub fn get(self) -> Vec3 {
-        let [x, y] = self.0.map(|side| f32::from(side) * (2.0 / 65535.0) - 1.0);
+        let [x, y] = self.sides();
         let z = 1.0 - x.abs() - y.abs();
         let fold = (-z).max(0.0);
         let unfold = |side: f32| if side >= 0.0 { side - fold } else { side + fold };

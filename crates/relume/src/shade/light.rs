@@ -9,7 +9,7 @@ use crate::trace::sampling::tangents;
 use crate::trace::{Ray, offset_origin};
 
 /// Squared distance, m^2, below which a point light does not shine: 10 micrometres.
-const MIN_DISTANCE2: f32 = 1e-10;
+pub(super) const MIN_DISTANCE2: f32 = 1e-10;
 
 /// Narrowest difference of a spot's cosines: what f32 can tell apart. A narrower rim is a hard edge.
 const MIN_RIM: f64 = 1e-7;
@@ -32,14 +32,14 @@ pub struct LightSample {
 
 /// A spot's cone.
 #[derive(Clone, Copy, Debug)]
-struct Cone {
-    axis: Vec3,
-    cos_outer: f32,
-    inverse_rim: f32,
+pub(super) struct Cone {
+    pub(super) axis: Vec3,
+    pub(super) cos_outer: f32,
+    pub(super) inverse_rim: f32,
 }
 
 #[derive(Clone, Debug)]
-enum Shape {
+pub(super) enum Shape {
     Local {
         position: Vec3,
         radius2: f32,
@@ -65,8 +65,8 @@ enum Shape {
 /// - A dome is sampled by the brightness of its map. It has no centre to shine from.
 #[derive(Clone, Debug)]
 pub struct PreparedLight {
-    shape: Shape,
-    color: Vec3,
+    pub(super) shape: Shape,
+    pub(super) color: Vec3,
 }
 
 /// What arrives at `position` (metres, world space) from the light; `sample` in `[0, 1)^2` picks a point of a light

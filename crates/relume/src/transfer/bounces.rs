@@ -15,7 +15,7 @@ const NEGLIGIBLE: f64 = 1e-3;
 /// And never more than this.
 const MOST: u32 = 64;
 /// Terms of a coarse sum.
-const COARSE_TERMS: u32 = 3;
+const COARSE_TERMS: u32 = 2;
 /// A light whose terms shrink faster than the operator's worst ends earlier, where what is left is this share of the light
 /// it began with: the rounding of its sum, so that no light can be told from another by where it ended.
 const ROUNDING: f64 = 1e-7;
@@ -61,7 +61,7 @@ impl BounceSeries {
         Self { albedo: albedo.iter().map(|albedo| *albedo * scale.as_vec3()).collect(), ratio, terms }
     }
 
-    /// The same sum from few terms: what is left out after three is taken to fade like light that has settled. For a look while a light moves.
+    /// The same sum from few terms: what is left out after two is taken to fade like light that has settled. For a look while a light moves.
     #[must_use]
     pub fn coarse(&self) -> Self {
         Self { terms: self.terms.min(COARSE_TERMS), ..self.clone() }

@@ -203,7 +203,7 @@ impl Transfer {
     pub fn gather_from(&self, light: &[Vec3], epsilon: f32) -> (Vec<Vec3>, Option<Vec<Vec3>>, Work) {
         let mut work = Work::default();
         let mut apply = |operator: &Operator, coefficients: &Coefficients| {
-            let mut out = vec![Vec3::ZERO; operator.rows];
+            let mut out = bytemuck::zeroed_vec(operator.rows);
             work += operator.apply_coefficients(coefficients, epsilon, &mut out);
             out
         };

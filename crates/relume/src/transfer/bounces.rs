@@ -201,8 +201,10 @@ fn largest_eigenvalues(bounce: &Operator, albedo: &[Vec3]) -> DVec3 {
 
 /// The norm of each channel.
 fn norm(light: &[Vec3]) -> DVec3 {
-    let squares = light.iter().map(|rgb| rgb.as_dvec3() * rgb.as_dvec3());
-    squares.sum::<DVec3>().map(f64::sqrt)
+    // in parts that do not depend on the number of threads
+    let part = |light: &[Vec3]| light.iter().map(|rgb| rgb.as_dvec3() * rgb.as_dvec3()).sum();
+    let parts: Vec<DVec3> = light.par_chunks(4096).map(part).collect();
+    parts.into_iter().sum::<DVec3>().map(f64::sqrt)
 }
 
 #[cfg(test)]

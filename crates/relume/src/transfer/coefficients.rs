@@ -15,18 +15,12 @@ impl Coefficients {
     /// The coefficients of `light` (one RGB a gather sample, tree order), each times `weights`' entry; an empty
     /// `weights` stands for ones.
     pub fn new(light: &[Vec3], weights: &[f32]) -> Self {
-        let count = light.len();
-        let channel = |channel: usize| {
-            let mut plane: Vec<f32> = light.iter().map(|rgb| rgb[channel]).collect();
-            haar::forward(&mut plane, &mut vec![0.0; count]);
-            for (value, weight) in plane.iter_mut().zip(weights) {
-                *value *= weight;
-            }
-            plane
-        };
-        let (red, (green, blue)) = rayon::join(|| channel(0), || rayon::join(|| channel(1), || channel(2)));
-        let values = red.into_iter().zip(green).zip(blue).map(|((red, green), blue)| [red, green, blue]);
-        Self { values: values.chain([[0.0; 3]]).collect() }
+        let mut values = vec![[0.0; 3]; light.len() + 1];
+        haar::forward_rgb(light, &mut values[..light.len()]);
+        for (value, weight) in values.iter_mut().zip(weights) {
+            *value = value.map(|channel| channel * weight);
+        }
+        Self { values }
     }
 
     /// One coefficient.

@@ -7,6 +7,8 @@
 //! result in the relative L2 norm; mostly it is far less. Being relative to the result of the one light it is applied to, it does not
 //! depend on how bright that is, and changes slowly as that moves.
 
+use rayon::prelude::*;
+
 use super::Coefficients;
 
 /// Multiply-adds of each colour: what an operator's stored numbers took, or would have.
@@ -68,8 +70,13 @@ impl Norms {
         if epsilon <= 0.0 {
             return None;
         }
-        let lit = coefficients.as_slice().iter().zip(&self.columns);
-        let all: f64 = lit.map(|(&light, &square)| f64::from(energy(light)) * f64::from(square)).sum();
+        // in parts that do not depend on the number of threads
+        let lit = coefficients.as_slice().par_chunks(4096).zip(self.columns.par_chunks(4096));
+        let part = |(light, squares): (&[[f32; 3]], &[f32])| -> f64 {
+            light.iter().zip(squares).map(|(&light, &square)| f64::from(energy(light) * square)).sum()
+        };
+        let parts: Vec<f64> = lit.map(part).collect();
+        let all: f64 = parts.iter().sum();
         let mean = all / self.parts.len().max(1) as f64;
         Some(Cut { parts: &self.parts, most: f64::from(epsilon).powi(2) * mean })
     }

@@ -4,7 +4,9 @@
 //! transform reads straight through memory. Coefficients are ordered from coarse to fine: the scaling coefficient,
 //! then for each level of `4^j` blocks their `4^j` horizontal, `4^j` vertical and `4^j` diagonal details.
 
+use glam::{Vec3, Vec3A};
 use multiversion::multiversion;
+use rayon::prelude::*;
 
 /// Replaces `values` (`4^k` of them, Morton order) by their Haar coefficients. `scratch` is as long.
 ///
@@ -18,6 +20,41 @@ pub fn forward(values: &mut [f32], scratch: &mut [f32]) {
         values[..count].copy_from_slice(&scratch[..count]);
         count /= 4;
     }
+}
+
+/// The coefficients of three channels at once, each bit for bit those of [`forward`]. `coefficients` is as long as `values`.
+///
+/// # Panics
+/// If the lengths differ or are no power of four.
+pub fn forward_rgb(values: &[Vec3], coefficients: &mut [[f32; 3]]) {
+    assert!(is_power_of_four(values.len()) && coefficients.len() == values.len(), "{} values", values.len());
+    let mut sums: Vec<Vec3A> =
+        if values.len() == 1 { vec![values[0].into()] } else { analyse_rgb(values, coefficients) };
+    while sums.len() > 1 {
+        sums = analyse_rgb(&sums, &mut coefficients[..sums.len()]);
+    }
+    coefficients[0] = sums[0].into();
+}
+
+/// Writes the details of one level, the last three quarters of `coefficients`, and returns the sums.
+fn analyse_rgb<T: Copy + Sync + Into<Vec3A>>(values: &[T], coefficients: &mut [[f32; 3]]) -> Vec<Vec3A> {
+    let quarter = values.len() / 4;
+    let (_, details) = coefficients.split_at_mut(quarter);
+    let (horizontal, details) = details.split_at_mut(quarter);
+    let (vertical, diagonal) = details.split_at_mut(quarter);
+    let mut sums = vec![Vec3A::ZERO; quarter];
+    let details = horizontal.par_iter_mut().zip(vertical).zip(diagonal);
+    let blocks = values.as_chunks::<4>().0.par_iter().zip(&mut sums).zip(details).with_min_len(2048);
+    blocks.for_each(|((block, sum), ((horizontal, vertical), diagonal))| {
+        let block: [Vec3A; 4] = block.map(Into::into);
+        let (top, bottom) = (block[0] + block[1], block[2] + block[3]);
+        let (left, right) = (block[0] - block[1], block[2] - block[3]);
+        *sum = 0.5 * (top + bottom);
+        *horizontal = (0.5 * (left + right)).into();
+        *vertical = (0.5 * (top - bottom)).into();
+        *diagonal = (0.5 * (left - right)).into();
+    });
+    sums
 }
 
 /// The inverse of [`forward`].
@@ -35,13 +72,16 @@ pub fn inverse(coefficients: &mut [f32], scratch: &mut [f32]) {
 }
 
 fn check(values: &[f32], scratch: &[f32]) {
-    let power_of_four = values.len().is_power_of_two() && values.len().trailing_zeros().is_multiple_of(2);
     assert!(
-        power_of_four && scratch.len() == values.len(),
+        is_power_of_four(values.len()) && scratch.len() == values.len(),
         "{} values, {} scratch",
         values.len(),
         scratch.len()
     );
+}
+
+fn is_power_of_four(count: usize) -> bool {
+    count.is_power_of_two() && count.trailing_zeros().is_multiple_of(2)
 }
 
 /// The level of a coefficient in a transform of any size: 0 for the scaling coefficient and the coarsest details,
@@ -110,6 +150,21 @@ mod tests {
             inverse(&mut work, &mut scratch);
             let unlike: Vec<f32> = work.iter().zip(&values).map(|(a, b)| a - b).collect();
             assert!(norm(&unlike) < 1e-5 * norm(&values), "{count}");
+        }
+    }
+
+    #[test]
+    fn three_channels_at_once_are_those_one_by_one() {
+        for count in [1, 4, 64, 65_536] {
+            let planes = [noise(count), noise(2 * count)[count..].to_vec(), vec![0.5; count]];
+            let rgb: Vec<Vec3> =
+                (0..count).map(|i| Vec3::from(planes.each_ref().map(|plane| plane[i]))).collect();
+            let mut found = vec![[0.0; 3]; count];
+            forward_rgb(&rgb, &mut found);
+            for (channel, mut plane) in planes.into_iter().enumerate() {
+                forward(&mut plane, &mut vec![0.0; count]);
+                assert!(found.iter().map(|rgb| rgb[channel]).eq(plane), "{count} values, channel {channel}");
+            }
         }
     }
 

@@ -11,7 +11,7 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::culling::{Cut, Norms, Work, energy};
+use super::culling::{Cut, Norms, Work};
 use super::low_rank_encoder::Encoded;
 use super::packed_runs::{PackedRuns, Product, RUN, Runs, runs_of};
 use super::{Buffer, Coefficients};
@@ -195,6 +195,17 @@ impl LowRank {
     }
 }
 
+/// The sum of a run's squares.
+fn square(run: &[f32; RUN]) -> f32 {
+    let mut lanes = [0.0; 8];
+    for part in run.as_chunks::<8>().0 {
+        for (lane, value) in lanes.iter_mut().zip(part) {
+            *lane += value * value;
+        }
+    }
+    lanes.iter().sum()
+}
+
 fn take<'a, T>(slice: &mut &'a [T], count: usize) -> &'a [T] {
     let (head, tail) = slice.split_at(count);
     *slice = tail;
@@ -229,13 +240,15 @@ impl Part<'_> {
     }
 
     /// Which runs of kept coefficients, whose light this is, are not left out.
-    fn bright(&self, [red, green, blue]: [&[f32]; 3], cut: Option<Cut<'_>>) -> Vec<bool> {
-        let is_bright = |run: usize| {
-            let places = run * RUN..(run + 1) * RUN;
-            let light = || places.map(|place| energy([red[place], green[place], blue[place]])).sum();
-            cut.is_none_or(|cut| !cut.is_faint(self.first_run + run, light()))
-        };
-        (0..runs_of(self.kept.len())).map(is_bright).collect()
+    fn bright(&self, light: [&[f32]; 3], cut: Option<Cut<'_>>) -> Vec<bool> {
+        let Some(cut) = cut else { return vec![true; runs_of(self.kept.len())] };
+        let [(red, _), (green, _), (blue, _)] = light.map(|light| light.as_chunks::<RUN>());
+        let runs = red.iter().zip(green).zip(blue).enumerate();
+        runs.map(|(run, ((red, green), blue))| {
+            let energy = [red, green, blue].map(square).iter().sum();
+            !cut.is_faint(self.first_run + run, energy)
+        })
+        .collect()
     }
 
     fn apply(self, matrix: &LowRank, coefficients: &Coefficients, cut: Option<Cut<'_>>) -> Work {

@@ -129,7 +129,8 @@ impl<'a> Runs<'a> {
     pub(super) fn take(&mut self, count: usize) -> Self {
         let (widths, rest) = self.widths.split_at(count);
         self.widths = rest;
-        let (bytes, rest) = self.bytes.split_at(widths.iter().map(|&width| run_bytes(width)).sum());
+        let bits: u32 = widths.iter().map(|&width| u32::from(width)).sum();
+        let (bytes, rest) = self.bytes.split_at(bits as usize * RUN / 8);
         self.bytes = rest;
         Self { widths, bytes }
     }

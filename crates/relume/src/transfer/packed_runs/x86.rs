@@ -2,7 +2,7 @@
 //!
 //! How wide a run is changes from one to the next, and nothing foretells it: a branch on it is mostly lost. So all widths of at most 8 bits are unpacked in
 //! the same steps, with what differs in a table: bytes of a lane are brought together by shuffles, and shifts by a number of bits cut the values out.
-//! (AVX-512 does the same in half the steps, and was no faster on a processor that has it, AMD's Zen 4.)
+//! (AVX-512 does the same in half the steps, and gained nothing on a processor that has it, an AMD EPYC that takes two for each.)
 
 use std::arch::x86_64::*;
 use std::sync::LazyLock;
@@ -25,13 +25,24 @@ struct Unpacking {
     planes: [[u8; LANES]; 4],
     /// Bits of the last eight lanes' words that are in their place. Those above are four too high: a byte has the highest four bits of two lanes.
     in_place: [u32; LANES / 2],
+    /// By how many bits each of a word's values is shifted up to its end.
+    up: [i32; RUN / LANES],
+    /// By how many these are then shifted down: one a lane, since shifts of all lanes by one number take longer.
+    down: [i32; LANES / PARTS],
 }
 
 /// By width, up to 8.
 static UNPACKING: [Unpacking; 9] = unpackings();
 
 const fn unpackings() -> [Unpacking; 9] {
-    let mut all = [Unpacking { planes: [[0x80; LANES]; 4], in_place: [!0; LANES / 2] }; 9];
+    // of nothing: all is shifted out
+    let nothing = Unpacking {
+        planes: [[0x80; LANES]; 4],
+        in_place: [!0; LANES / 2],
+        up: [32; RUN / LANES],
+        down: [0; LANES / PARTS],
+    };
+    let mut all = [nothing; 9];
     let mut width = 1;
     while width < all.len() {
         let (whole, mut lane) = (width / 2, 0);
@@ -47,6 +58,12 @@ const fn unpackings() -> [Unpacking; 9] {
             }
             lane += 1;
         }
+        let mut value = 0;
+        while value < RUN / LANES {
+            all[width].up[value] = 32 - (width * (value + 1)) as i32;
+            value += 1;
+        }
+        all[width].down = [32 - width as i32; LANES / PARTS];
         width += 1;
     }
     all
@@ -106,8 +123,9 @@ fn words(unpacking: &Unpacking, bytes: &[u8; MOST]) -> [__m256i; PARTS] {
 
 #[inline]
 #[target_feature(enable = "avx2")]
-fn cut(words: __m256i, up: __m128i, down: __m128i) -> __m256 {
-    _mm256_cvtepi32_ps(_mm256_sra_epi32(_mm256_sll_epi32(words, up), down))
+fn cut(words: __m256i, up: i32, down: &[i32; LANES / PARTS]) -> __m256 {
+    let up = _mm256_sllv_epi32(words, _mm256_set1_epi32(up));
+    _mm256_cvtepi32_ps(_mm256_srav_epi32(up, bytemuck::cast(*down)))
 }
 
 #[inline]
@@ -157,13 +175,9 @@ fn for_runs(
             let (blocks, _) = rest.as_chunks::<{ 2 * LANES }>();
             std::array::from_fn(|value| wide(&blocks[value]))
         } else {
-            let words = words(&UNPACKING[usize::from(width)], &head(rest));
-            let width = i32::from(width);
-            let down = _mm_cvtsi32_si128(32 - width);
-            std::array::from_fn(|value| {
-                let up = _mm_cvtsi32_si128(32 - width * (value as i32 + 1));
-                words.map(|words| cut(words, up, down))
-            })
+            let unpacking = &UNPACKING[usize::from(width)];
+            let words = words(unpacking, &head(rest));
+            unpacking.up.map(|up| words.map(|words| cut(words, up, &unpacking.down)))
         };
         each(run, values);
     }

@@ -1,11 +1,11 @@
 //! Direct light on the view samples, with ray-traced shadows.
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::RelightSettings;
-use super::lanes::{LANES, Lanes, LitSample};
-use crate::sample::{Chains, PackedNormal, ViewGrid, ViewSample, ViewSamples};
+use super::lanes::{LANES, Lanes, LitSample, Places};
+use crate::sample::{Chains, ViewGrid, ViewSample, ViewSamples};
 use crate::scene::Light;
 use crate::shade::{self, Dome, LightSample, PointGroup, PreparedLight};
 use crate::trace::sampling::{hash, sobol_2d};
@@ -174,8 +174,9 @@ struct Task<'a, F> {
     first: usize,
     rays: Vec<Ray>,
     waiting: Vec<Waiting<'a>>,
-    geometric_normals: Normals,
-    shading_normals: Normals,
+    /// Samples that were not yet asked for what arrives there, up to [`LANES`], and where they are.
+    asked: Vec<(usize, Seen<'a>)>,
+    places: Places,
     /// Rays that were traced.
     traced: u64,
     /// Is told the numbers of the samples that light reaches, and what of it reaches the camera, ray by ray.
@@ -189,48 +190,101 @@ impl<'a, F: FnMut(usize, Vec3)> Task<'a, F> {
             first,
             rays: Vec::new(),
             waiting: Vec::new(),
-            geometric_normals: Normals::default(),
-            shading_normals: Normals::default(),
+            asked: Vec::with_capacity(LANES),
+            places: Places::ZERO,
             traced: 0,
             add,
         }
     }
 
-    /// Sends rays from a sample to the light, where that is above its horizon. Samples that share a ray come one after the other.
+    /// Sends rays from a sample to the light, where that is above its horizon, soon. Samples that share a ray come one after the other.
     #[inline]
     fn take(&mut self, index: usize, seen: &Seen<'a>) {
-        let (sample, shared_by) = (seen.sample, self.shading.shared_by);
-        if !sample.reflects() {
+        if !seen.sample.reflects() {
             return;
         }
+        if self.shading.light.needs_samples() {
+            self.take_soft(index, seen);
+            return;
+        }
+        let (lane, sample) = (self.asked.len(), seen.sample);
+        for (axis, value) in sample.position.to_array().into_iter().enumerate() {
+            self.places.position[axis][lane] = value;
+        }
+        let (geometric, shading) = (sample.geometric_normal.sides(), sample.shading_normal.sides());
+        for side in 0..2 {
+            (self.places.geometric[side][lane], self.places.shading[side][lane]) =
+                (geometric[side], shading[side]);
+        }
+        self.asked.push((index, *seen));
+        if self.asked.len() == LANES {
+            self.ask();
+        }
+    }
+
+    /// Sends rays to a light without extent from those samples that were taken.
+    fn ask(&mut self) {
+        let arrivals = self.places.arrivals(self.shading.light);
+        let at = |lanes: &[[f32; LANES]; 3], lane: usize| Vec3::from(lanes.each_ref().map(|axis| axis[lane]));
+        let mut asked = std::mem::take(&mut self.asked);
+        for (lane, (index, seen)) in asked.drain(..).enumerate().filter(|&(lane, _)| arrivals.cos[lane] > 0.0)
+        {
+            let arriving = LightSample {
+                direction: at(&arrivals.light.direction, lane),
+                distance: arrivals.light.distance[lane],
+                irradiance: arrivals.light.irradiance * arrivals.light.factor[lane],
+            };
+            let normals = [at(&arrivals.geometric, lane), at(&arrivals.shading, lane)];
+            self.wait(index, seen, normals, arriving, arrivals.cos[lane]);
+        }
+        self.asked = asked;
+    }
+
+    /// Sends rays to points of a light with extent.
+    fn take_soft(&mut self, index: usize, seen: &Seen<'a>) {
+        let sample = seen.sample;
+        let normals = [sample.geometric_normal.get(), sample.shading_normal.get()];
+        for which in 0..self.shading.rays {
+            let random = sobol_2d(which as u32, 0, hash((self.first + index) as u32, 0x51_a9));
+            let Some(arriving) = self.shading.light.sample(sample.position, random) else { continue };
+            let [lies, shades] = normals.map(|normal| normal.dot(arriving.direction));
+            if lies > 0.0 && shades > 0.0 {
+                self.wait(index, *seen, normals, arriving, shades);
+            }
+        }
+    }
+
+    /// Puts a sample, that light arrives at, to those that wait for a ray. `normals` are the geometric one and that it is shaded by; `cos` is between
+    /// this and the light.
+    fn wait(
+        &mut self,
+        index: usize,
+        seen: Seen<'a>,
+        [normal, shading_normal]: [Vec3; 2],
+        arriving: LightSample,
+        cos: f32,
+    ) {
+        let shared_by = self.shading.shared_by;
         let shares = shared_by > 1
             && self.waiting.last().is_some_and(|last| last.index / shared_by == index / shared_by);
         if self.rays.len() >= BATCH && !shares {
             self.trace();
         }
-        for which in 0..self.shading.rays {
-            let number = self.first + index;
-            let Some(arriving) = self.shading.arriving(sample, number, which) else { continue };
-            let normal = self.geometric_normals.get(sample.geometric_normal);
-            let shading_normal = self.shading_normals.get(sample.shading_normal);
-            let cos = shading_normal.dot(arriving.direction);
-            if normal.dot(arriving.direction) <= 0.0 || cos <= 0.0 {
-                continue;
-            }
-            if !shares {
-                self.rays.push(shade::shadow_ray(sample.position, normal, &arriving));
-            } else if self.shading.is_favoured(number)
-                && let Some(chosen) = self.rays.last_mut()
-            {
-                *chosen = shade::shadow_ray(sample.position, normal, &arriving);
-            }
-            let ray = self.rays.len() - 1;
-            self.waiting.push(Waiting { index, seen: *seen, shading_normal, arriving, cos, ray });
+        let ray = || shade::shadow_ray(seen.sample.position, normal, &arriving);
+        if !shares {
+            self.rays.push(ray());
+        } else if self.shading.is_favoured(self.first + index)
+            && let Some(chosen) = self.rays.last_mut()
+        {
+            *chosen = ray();
         }
+        let ray = self.rays.len() - 1;
+        self.waiting.push(Waiting { index, seen, shading_normal, arriving, cos, ray });
     }
 
     /// Traces what waits, and returns how many rays there were in all.
     fn finish(mut self) -> u64 {
+        self.ask();
         self.trace();
         self.traced
     }
@@ -269,16 +323,6 @@ impl Shading<'_> {
         number % self.shared_by == (pixel % width + 2 * (pixel / width)) % self.shared_by
     }
 
-    #[inline(always)]
-    fn arriving(&self, sample: &ViewSample, number: usize, which: usize) -> Option<LightSample> {
-        let random = if self.light.needs_samples() {
-            sobol_2d(which as u32, 0, hash(number as u32, 0x51_a9))
-        } else {
-            Vec2::ZERO
-        };
-        self.light.sample(sample.position, random)
-    }
-
     fn lit(&self, waiting: &Waiting<'_>) -> LitSample {
         let Waiting { seen: Seen { sample, view, throughput }, shading_normal, ref arriving, cos, .. } =
             *waiting;
@@ -295,19 +339,6 @@ impl Shading<'_> {
             f90: sample.grazing(),
             roughness: sample.roughness(),
             arriving: throughput * arriving.irradiance * cos,
-        }
-    }
-}
-
-/// Unpacks normals, which are mostly those of the sample before.
-#[derive(Default)]
-struct Normals(Option<(PackedNormal, Vec3)>);
-
-impl Normals {
-    fn get(&mut self, packed: PackedNormal) -> Vec3 {
-        match self.0 {
-            Some((before, normal)) if before == packed => normal,
-            _ => self.0.insert((packed, packed.get())).1,
         }
     }
 }

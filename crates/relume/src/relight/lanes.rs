@@ -1,12 +1,61 @@
-//! View samples shaded side by side.
+//! View samples shaded side by side: first how light arrives at them, then, for those that it reaches, what they reflect.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
 use multiversion::multiversion;
 
+use crate::sample::unpacked;
 pub(super) use crate::shade::LANES;
-use crate::shade::Lane;
+use crate::shade::{CenterLanes, Lane, PreparedLight};
+
+/// Where samples are and how they lie, as structure of arrays by axis.
+#[derive(Clone, Debug)]
+pub(super) struct Places {
+    pub(super) position: [Lane; 3],
+    /// The sides of their packed geometric normals.
+    pub(super) geometric: [Lane; 2],
+    /// The same of those that they are shaded by.
+    pub(super) shading: [Lane; 2],
+}
+
+/// How a light without extent arrives at samples, were nothing in between.
+pub(super) struct Arrivals {
+    /// Unit normals, unpacked.
+    pub(super) geometric: [Lane; 3],
+    pub(super) shading: [Lane; 3],
+    pub(super) light: CenterLanes,
+    /// Between the light and the shading normal; 0 where light comes from behind either normal, or none comes.
+    pub(super) cos: Lane,
+}
+
+impl Places {
+    /// Nowhere.
+    pub(super) const ZERO: Self =
+        Self { position: [[0.0; LANES]; 3], geometric: [[0.0; LANES]; 2], shading: [[0.0; LANES]; 2] };
+
+    /// How `light` arrives at the places.
+    pub(super) fn arrivals(&self, light: &PreparedLight) -> Arrivals {
+        arrivals(self, light)
+    }
+}
+
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn arrivals(places: &Places, light: &PreparedLight) -> Arrivals {
+    let light = light.centers(&places.position);
+    let none = [[0.0; LANES]; 3];
+    let (mut geometric, mut shading, mut cos) = (none, none, [0.0; LANES]);
+    for i in 0..LANES {
+        let direction = [light.direction[0][i], light.direction[1][i], light.direction[2][i]];
+        let lies = unpacked([places.geometric[0][i], places.geometric[1][i]]);
+        let shades = unpacked([places.shading[0][i], places.shading[1][i]]);
+        let faces = (dot(lies, direction) > 0.0) & (light.factor[i] > 0.0);
+        cos[i] = if faces { dot(shades, direction).max(0.0) } else { 0.0 };
+        [geometric[0][i], geometric[1][i], geometric[2][i]] = lies;
+        [shading[0][i], shading[1][i], shading[2][i]] = shades;
+    }
+    Arrivals { geometric, shading, light, cos }
+}
 
 /// A view sample and the light that arrives there.
 #[derive(Clone, Copy, Debug)]

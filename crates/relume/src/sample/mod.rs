@@ -27,6 +27,7 @@ pub use chains::{Branch, Chains, SkyView};
 pub use cloud::{CloudMethod, CloudSettings, GatherCloud};
 pub use gather_sample::{DiffusePart, Emitted, GatherSample, SUB_SAMPLES, SubSample};
 pub use illumination::{CloudLight, Detail, cloud_groups, illuminate, illuminate_with};
+pub(crate) use packed::unpacked;
 pub use packed::{PackedNormal, PackedUnit};
 pub use receivers::{Gloss, Receiver, Receivers};
 pub(crate) use records::{MOST as MOST_SHARES, Records, Spacing};

@@ -25,18 +25,24 @@ impl PackedNormal {
     }
 
     /// Its place on the unfolded octahedron, -1 to 1.
-    pub(super) fn sides(self) -> [f32; 2] {
+    pub(crate) fn sides(self) -> [f32; 2] {
         self.0.map(|side| f32::from(side) * (2.0 / 65535.0) - 1.0)
     }
 
     /// The unit vector.
     pub fn get(self) -> Vec3 {
-        let [x, y] = self.sides();
-        let z = 1.0 - x.abs() - y.abs();
-        let fold = (-z).max(0.0);
-        let unfold = |side: f32| if side >= 0.0 { side - fold } else { side + fold };
-        Vec3::new(unfold(x), unfold(y), z).normalize()
+        unpacked(self.sides()).into()
     }
+}
+
+/// The unit vector at a place of the unfolded octahedron; to be compiled within loops over places side by side.
+#[inline(always)]
+pub(crate) fn unpacked([x, y]: [f32; 2]) -> [f32; 3] {
+    let z = 1.0 - x.abs() - y.abs();
+    let fold = (-z).max(0.0);
+    let (x, y) = (if x >= 0.0 { x - fold } else { x + fold }, if y >= 0.0 { y - fold } else { y + fold });
+    let recip = 1.0 / (x * x + y * y + z * z).sqrt();
+    [x * recip, y * recip, z * recip]
 }
 
 fn signs(v: Vec2) -> Vec2 {

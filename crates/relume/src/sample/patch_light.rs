@@ -5,6 +5,7 @@ use std::f32::consts::FRAC_1_PI;
 use glam::Vec3;
 use multiversion::multiversion;
 
+use super::packed::unpacked;
 use super::{SUB_SAMPLES, SubSample};
 use crate::shade::{LANES, Lane, PreparedLight};
 
@@ -33,14 +34,9 @@ pub(super) fn unshadowed(light: &PreparedLight, patch: &[SubSample; SUB_SAMPLES]
 fn cosines(light: &PreparedLight, position: &[Lane; 3], side: &[Lane; 2], factor: &mut Lane) -> Vec3 {
     let centers = light.centers(position);
     for i in 0..LANES {
-        // as packed normals are unpacked
-        let (x, y) = (side[0][i], side[1][i]);
-        let z = 1.0 - x.abs() - y.abs();
-        let fold = (-z).max(0.0);
-        let (x, y) = (if x >= 0.0 { x - fold } else { x + fold }, if y >= 0.0 { y - fold } else { y + fold });
-        let recip = 1.0 / (x * x + y * y + z * z).sqrt();
+        let [x, y, z] = unpacked([side[0][i], side[1][i]]);
         let [dx, dy, dz] = [0, 1, 2].map(|axis| centers.direction[axis][i]);
-        let cos = (x * dx + y * dy + z * dz) * recip;
+        let cos = x * dx + y * dy + z * dz;
         factor[i] = if cos > 0.0 { centers.factor[i] * cos } else { 0.0 };
     }
     centers.irradiance

@@ -12,6 +12,8 @@ pub(crate) type Lane = [f32; LANES];
 pub(crate) struct CenterLanes {
     /// Unit, to the light, by axis.
     pub(crate) direction: [Lane; 3],
+    /// Metres; infinite for distant lights.
+    pub(crate) distance: Lane,
     /// What `irradiance` is multiplied by; 0 where nothing arrives.
     pub(crate) factor: Lane,
     /// W/m^2 under a factor of one.
@@ -22,7 +24,8 @@ impl PreparedLight {
     /// [`Self::center`] of points side by side, positions by axis; to be compiled within what calls it. Nothing of a dome.
     #[inline(always)]
     pub(crate) fn centers(&self, position: &[Lane; 3]) -> CenterLanes {
-        let (mut direction, mut factor) = ([[0.0; LANES]; 3], [0.0; LANES]);
+        let (mut direction, mut distances) = ([[0.0; LANES]; 3], [f32::INFINITY; LANES]);
+        let mut factor = [0.0; LANES];
         match &self.shape {
             Shape::Local { position: center, radius2, cone } => {
                 // no cone: a factor of one whatever the cosine
@@ -41,6 +44,7 @@ impl PreparedLight {
                     let spot = ((cos - cos_outer) * inverse_rim).clamp(0.0, 1.0);
                     let squared = distance2.max(*radius2);
                     (direction[0][i], direction[1][i], direction[2][i]) = (dx, dy, dz);
+                    distances[i] = distance;
                     factor[i] = if squared >= MIN_DISTANCE2 { spot * spot / squared } else { 0.0 };
                 }
             }
@@ -50,6 +54,6 @@ impl PreparedLight {
             }
             Shape::Dome(_) => {}
         }
-        CenterLanes { direction, factor, irradiance: self.color }
+        CenterLanes { direction, distance: distances, factor, irradiance: self.color }
     }
 }

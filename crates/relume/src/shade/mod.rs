@@ -18,7 +18,7 @@ mod surface;
 pub use bsdf::{Bsdf, BsdfSample};
 pub use dome::Dome;
 pub use light::{LightSample, PreparedLight, needs_samples, sample, shadow_ray};
-pub(crate) use light_lanes::{LANES, Lane};
+pub(crate) use light_lanes::{CenterLanes, LANES, Lane};
 pub(crate) use lobe::LobeTerms;
 pub use lobe::SpecularLobe;
 pub use point_group::PointGroup;

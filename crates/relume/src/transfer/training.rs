@@ -11,8 +11,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::progress::Progress;
-use crate::sample::{GatherCloud, GatherSample, illuminate};
+use crate::sample::{Detail, GatherCloud, GatherSample, cloud_groups, illuminate_with};
 use crate::scene::{Light, LightKind};
+use crate::shade::PointGroup;
 use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d, uniform_sphere, unit};
 use crate::trace::{Accel, Ray, offset_origin};
 use crate::{Error, Result};
@@ -101,11 +102,12 @@ impl Training {
     ) -> Result<Self> {
         progress.stage("training lights", (alike + others) as u64);
         let space = Space::new(cloud, accel);
+        let groups = cloud_groups(cloud);
         let lit = |source: Source| {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }
-            let radiance = radiance_of(&source, cloud, accel);
+            let radiance = radiance_of(&source, (cloud, &groups), accel);
             progress.advance(1);
             Ok(radiance)
         };
@@ -259,14 +261,14 @@ fn shining(cloud: &GatherCloud) -> Vec<Vec<f32>> {
     materials.into_iter().map(radiance).collect()
 }
 
-/// Radiance of each sample, the mean of the channels.
-fn radiance_of(source: &Source, cloud: &GatherCloud, accel: &Accel) -> Vec<f32> {
+/// Radiance of each sample, the mean of the channels. `groups` are those of the cloud.
+fn radiance_of(source: &Source, (cloud, groups): (&GatherCloud, &[PointGroup]), accel: &Accel) -> Vec<f32> {
     let mean = |rgb: Vec3| rgb.element_sum() / 3.0;
     match source {
         Source::Lamps(lamps) => {
             let mut sum = vec![0.0; cloud.len()];
             for lamp in lamps {
-                let radiance = illuminate(cloud, accel, lamp).radiance;
+                let radiance = illuminate_with(cloud, Some(groups), accel, lamp, Detail::Full).radiance;
                 sum.iter_mut().zip(radiance).for_each(|(sum, rgb)| *sum += mean(rgb));
             }
             sum

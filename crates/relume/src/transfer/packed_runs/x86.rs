@@ -28,7 +28,7 @@ struct Unpacking {
     /// By how many bits each of a word's values is shifted up to its end.
     up: [i32; RUN / LANES],
     /// By how many these are then shifted down: one a lane, since shifts of all lanes by one number take longer.
-    down: [i32; LANES / PARTS],
+    down: [u32; LANES / PARTS],
 }
 
 /// By width, up to 8.
@@ -63,7 +63,7 @@ const fn unpackings() -> [Unpacking; 9] {
             all[width].up[value] = 32 - (width * (value + 1)) as i32;
             value += 1;
         }
-        all[width].down = [32 - width as i32; LANES / PARTS];
+        all[width].down = [32 - width as u32; LANES / PARTS];
         width += 1;
     }
     all
@@ -89,144 +89,164 @@ pub(super) fn add(product: Product<'_>, light: [&[f32]; 3], bright: &[bool], sum
     }
 }
 
-/// The first bytes, then any.
-#[inline(always)]
-fn head(bytes: &[u8]) -> [u8; MOST] {
-    bytes.first_chunk().copied().unwrap_or_else(|| {
-        let mut head = [0; MOST];
-        head[..bytes.len()].copy_from_slice(bytes);
-        head
-    })
+/// One of the four values of each word.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn cut(words: __m256i, up: i32, down: __m256i) -> __m256 {
+    _mm256_cvtepi32_ps(_mm256_srav_epi32(_mm256_sllv_epi32(words, _mm256_set1_epi32(up)), down))
+}
+
+/// Eight values of 16 bits.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn wide(bytes: &[u8; LANES]) -> __m256 {
+    _mm256_cvtepi32_ps(_mm256_cvtepi16_epi32(load_bytes(bytes)))
 }
 
 #[inline]
 #[target_feature(enable = "avx2")]
-fn words(unpacking: &Unpacking, bytes: &[u8; MOST]) -> [__m256i; PARTS] {
-    let (planes, _) = bytes.as_chunks::<LANES>();
-    let plane = |byte: usize| -> __m128i {
-        _mm_shuffle_epi8(bytemuck::cast(planes[byte]), bytemuck::cast(unpacking.planes[byte]))
-    };
-    let [a, b, c, d] = [plane(0), plane(1), plane(2), plane(3)];
-    // bytes to pairs, pairs to words
-    let (low, high) = (
-        [_mm_unpacklo_epi8(a, b), _mm_unpacklo_epi8(c, d)],
-        [_mm_unpackhi_epi8(a, b), _mm_unpackhi_epi8(c, d)],
-    );
-    let words = |[low, high]: [__m128i; 2]| {
-        _mm256_set_m128i(_mm_unpackhi_epi16(low, high), _mm_unpacklo_epi16(low, high))
-    };
-    let in_place: __m256i = bytemuck::cast(unpacking.in_place);
-    let last = words(high);
-    let down = _mm256_andnot_si256(in_place, _mm256_srli_epi32::<4>(last));
-    [words(low), _mm256_or_si256(_mm256_and_si256(in_place, last), down)]
+fn load_bytes(from: &[u8; LANES]) -> __m128i {
+    #[expect(unsafe_code, reason = "sixteen bytes")]
+    unsafe {
+        _mm_loadu_si128(from.as_ptr().cast())
+    }
 }
 
 #[inline]
 #[target_feature(enable = "avx2")]
-fn cut(words: __m256i, up: i32, down: &[i32; LANES / PARTS]) -> __m256 {
-    let up = _mm256_sllv_epi32(words, _mm256_set1_epi32(up));
-    _mm256_cvtepi32_ps(_mm256_srav_epi32(up, bytemuck::cast(*down)))
-}
-
-#[inline]
-#[target_feature(enable = "avx2")]
-fn wide(bytes: &[u8; 2 * LANES]) -> Floats {
-    let halves: [__m128i; PARTS] = bytemuck::pod_read_unaligned(bytes);
-    halves.map(|half| _mm256_cvtepi32_ps(_mm256_cvtepi16_epi32(half)))
+fn load_words(from: &[u32; LANES / PARTS]) -> __m256i {
+    #[expect(unsafe_code, reason = "eight words")]
+    unsafe {
+        _mm256_loadu_si256(from.as_ptr().cast())
+    }
 }
 
 #[inline]
 #[target_feature(enable = "avx2")]
 fn load(from: &[f32; RUN], place: usize) -> __m256 {
-    bytemuck::pod_read_unaligned(bytemuck::bytes_of(&from.as_chunks::<{ LANES / PARTS }>().0[place]))
+    let from = &from.as_chunks::<{ LANES / PARTS }>().0[place];
+    #[expect(unsafe_code, reason = "eight numbers")]
+    unsafe {
+        _mm256_loadu_ps(from.as_ptr())
+    }
 }
 
 #[inline]
 #[target_feature(enable = "avx2")]
 fn store(to: &mut [f32; RUN], place: usize, values: __m256) {
-    to.as_chunks_mut::<{ LANES / PARTS }>().0[place] = bytemuck::cast(values);
+    let to = &mut to.as_chunks_mut::<{ LANES / PARTS }>().0[place];
+    #[expect(unsafe_code, reason = "eight numbers")]
+    unsafe {
+        _mm256_storeu_ps(to.as_mut_ptr(), values);
+    }
 }
 
 #[inline]
 #[target_feature(enable = "avx2")]
 fn sum([low, high]: Floats) -> f32 {
-    let lanes: [f32; LANES / PARTS] = bytemuck::cast(_mm256_add_ps(low, high));
-    let [a, b, c, d, e, f, g, h] = lanes;
-    ((a + e) + (b + f)) + ((c + g) + (d + h))
+    let eight = _mm256_add_ps(low, high);
+    let four = _mm_add_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight));
+    let two = _mm_add_ps(four, _mm_movehl_ps(four, four));
+    _mm_cvtss_f32(_mm_add_ss(two, _mm_movehdup_ps(two)))
 }
 
-/// Calls `each` with the number of every run that is `taken` and its four times 16 values; `bytes` are afterwards those that follow. Everything is
-/// put in place where it is called: calls within the loop cost more than the sums.
-#[inline]
-#[target_feature(enable = "avx2,fma")]
-fn for_runs(
-    widths: &[u8],
-    bytes: &mut &[u8],
-    taken: impl Fn(usize) -> bool,
-    mut each: impl FnMut(usize, [Floats; RUN / LANES]),
-) {
-    for (run, &width) in widths.iter().enumerate() {
-        let rest = *bytes;
-        *bytes = &rest[run_bytes(width)..];
-        if !taken(run) {
-            continue;
-        }
-        let values = if width > 8 {
-            let (blocks, _) = rest.as_chunks::<{ 2 * LANES }>();
-            std::array::from_fn(|value| wide(&blocks[value]))
+/// The four times 16 values of a run, from its width and the bytes that begin with its own. No function, and nothing in here or where it is used is a closure:
+/// compilers may leave either out of line, where vectors go through memory and take ten times as long.
+macro_rules! values {
+    ($width:expr, $bytes:expr) => {{
+        let (width, bytes): (u8, &[u8]) = ($width, $bytes);
+        let mut values: [Floats; RUN / LANES] = [[_mm256_setzero_ps(); PARTS]; RUN / LANES];
+        if width > 8 {
+            let (halves, _) = bytes.as_chunks::<LANES>();
+            for value in 0..RUN / LANES {
+                for part in 0..PARTS {
+                    values[value][part] = wide(&halves[value * PARTS + part]);
+                }
+            }
         } else {
             let unpacking = &UNPACKING[usize::from(width)];
-            let words = words(unpacking, &head(rest));
-            unpacking.up.map(|up| words.map(|words| cut(words, up, &unpacking.down)))
-        };
-        each(run, values);
-    }
+            let mut last = [0; MOST];
+            let bytes: &[u8; MOST] = match bytes.first_chunk() {
+                Some(bytes) => bytes,
+                None => {
+                    last[..bytes.len()].copy_from_slice(bytes);
+                    &last
+                }
+            };
+            let (planes, _) = bytes.as_chunks::<LANES>();
+            let a = _mm_shuffle_epi8(load_bytes(&planes[0]), load_bytes(&unpacking.planes[0]));
+            let b = _mm_shuffle_epi8(load_bytes(&planes[1]), load_bytes(&unpacking.planes[1]));
+            let c = _mm_shuffle_epi8(load_bytes(&planes[2]), load_bytes(&unpacking.planes[2]));
+            let d = _mm_shuffle_epi8(load_bytes(&planes[3]), load_bytes(&unpacking.planes[3]));
+            // bytes to pairs, pairs to words
+            let (low_a, low_b) = (_mm_unpacklo_epi8(a, b), _mm_unpacklo_epi8(c, d));
+            let (high_a, high_b) = (_mm_unpackhi_epi8(a, b), _mm_unpackhi_epi8(c, d));
+            let first = _mm256_set_m128i(_mm_unpackhi_epi16(low_a, low_b), _mm_unpacklo_epi16(low_a, low_b));
+            let last =
+                _mm256_set_m128i(_mm_unpackhi_epi16(high_a, high_b), _mm_unpacklo_epi16(high_a, high_b));
+            let in_place = load_words(&unpacking.in_place);
+            let down = _mm256_andnot_si256(in_place, _mm256_srli_epi32::<4>(last));
+            let words = [first, _mm256_or_si256(_mm256_and_si256(in_place, last), down)];
+            let down = load_words(&unpacking.down);
+            for value in 0..RUN / LANES {
+                for part in 0..PARTS {
+                    values[value][part] = cut(words[part], unpacking.up[value], down);
+                }
+            }
+        }
+        values
+    }};
 }
 
 #[target_feature(enable = "avx2,fma")]
 fn add_fused(product: Product<'_>, light: [&[f32]; 3], bright: &[bool], sums: [&mut [f32]; 3]) {
-    let [(red, _), (green, _), (blue, _)] = light.map(|light| light.as_chunks::<RUN>());
-    let [(reds, _), (greens, _), (blues, _)] = sums.map(|sums| sums.as_chunks_mut::<RUN>());
-    let Product {
-        v: Runs { widths: mut v_widths, bytes: mut v },
-        u: Runs { widths: mut u_widths, bytes: mut u },
-        ..
-    } = product;
-    for (&v_scale, &u_scale) in product.v_scales.iter().zip(product.u_scales) {
-        let of_v = v_widths.split_off(..bright.len()).unwrap_or_default();
-        let of_u = u_widths.split_off(..reds.len()).unwrap_or_default();
+    let [red, green, blue] = light;
+    let (red, green, blue) =
+        (red.as_chunks::<RUN>().0, green.as_chunks::<RUN>().0, blue.as_chunks::<RUN>().0);
+    let [reds, greens, blues] = sums;
+    let reds = reds.as_chunks_mut::<RUN>().0;
+    let (greens, blues) = (greens.as_chunks_mut::<RUN>().0, blues.as_chunks_mut::<RUN>().0);
+    let Product { v: Runs { widths: mut v_widths, bytes: mut v }, v_scales, u_scales, .. } = product;
+    let Runs { widths: mut u_widths, bytes: mut u } = product.u;
+    for (&v_scale, &u_scale) in v_scales.iter().zip(u_scales) {
+        let (of_v, of_u);
+        (of_v, v_widths) = v_widths.split_at(bright.len());
+        (of_u, u_widths) = u_widths.split_at(reds.len());
         let mut y = [[_mm256_setzero_ps(); PARTS]; 3];
-        for_runs(
-            of_v,
-            &mut v,
-            |run| bright[run],
-            |run, values| {
-                let light = [&red[run], &green[run], &blue[run]];
-                for (value, q) in values.iter().enumerate() {
-                    for (y, light) in y.iter_mut().zip(light) {
-                        for part in 0..PARTS {
-                            y[part] = _mm256_fmadd_ps(q[part], load(light, value * PARTS + part), y[part]);
-                        }
-                    }
+        for (run, &width) in of_v.iter().enumerate() {
+            let bytes = v;
+            v = &bytes[run_bytes(width)..];
+            if !bright[run] {
+                continue;
+            }
+            let values = values!(width, bytes);
+            let (red, green, blue) = (&red[run], &green[run], &blue[run]);
+            for value in 0..RUN / LANES {
+                for part in 0..PARTS {
+                    let (q, place) = (values[value][part], value * PARTS + part);
+                    y[0][part] = _mm256_fmadd_ps(q, load(red, place), y[0][part]);
+                    y[1][part] = _mm256_fmadd_ps(q, load(green, place), y[1][part]);
+                    y[2][part] = _mm256_fmadd_ps(q, load(blue, place), y[2][part]);
                 }
-            },
-        );
-        let y = y.map(|lanes| _mm256_set1_ps(sum(lanes) * v_scale * u_scale));
-        for_runs(
-            of_u,
-            &mut u,
-            |_| true,
-            |run, values| {
-                let mut sums = [&mut reds[run], &mut greens[run], &mut blues[run]];
-                for (value, q) in values.iter().enumerate() {
-                    for (sums, y) in sums.iter_mut().zip(y) {
-                        for part in 0..PARTS {
-                            let place = value * PARTS + part;
-                            store(sums, place, _mm256_fmadd_ps(q[part], y, load(sums, place)));
-                        }
-                    }
+            }
+        }
+        let scale = v_scale * u_scale;
+        let red = _mm256_set1_ps(sum(y[0]) * scale);
+        let green = _mm256_set1_ps(sum(y[1]) * scale);
+        let blue = _mm256_set1_ps(sum(y[2]) * scale);
+        for (run, &width) in of_u.iter().enumerate() {
+            let bytes = u;
+            u = &bytes[run_bytes(width)..];
+            let values = values!(width, bytes);
+            let (reds, greens, blues) = (&mut reds[run], &mut greens[run], &mut blues[run]);
+            for value in 0..RUN / LANES {
+                for part in 0..PARTS {
+                    let (q, place) = (values[value][part], value * PARTS + part);
+                    store(reds, place, _mm256_fmadd_ps(q, red, load(reds, place)));
+                    store(greens, place, _mm256_fmadd_ps(q, green, load(greens, place)));
+                    store(blues, place, _mm256_fmadd_ps(q, blue, load(blues, place)));
                 }
-            },
-        );
+            }
+        }
     }
 }

@@ -44,7 +44,7 @@ pub fn illuminate(cloud: &GatherCloud, accel: &Accel, light: &Light) -> CloudLig
     illuminate_with(cloud, None, accel, light, Detail::Full)
 }
 
-/// The sub-samples of the cloud, [`CLOUD_GROUP`] by [`CLOUD_GROUP`].
+/// The sub-samples of the cloud in groups of four patches, as [`illuminate_with`] takes them.
 pub fn cloud_groups(cloud: &GatherCloud) -> Vec<PointGroup> {
     let group = |subs: &[SubSample]| {
         let counted = subs.iter().filter(|sub| sub.weight != 0);

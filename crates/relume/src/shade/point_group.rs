@@ -31,7 +31,7 @@ impl Angle {
     /// The sum, where that is below a right angle.
     fn plus(self, other: Self) -> Option<Self> {
         let cos = self.cos * other.cos - self.sin * other.sin;
-        (cos > 0.0).then(|| Self { sin: self.sin * other.cos + self.cos * other.sin, cos })
+        (cos > 0.0).then_some(Self { sin: self.sin * other.cos + self.cos * other.sin, cos })
     }
 }
 

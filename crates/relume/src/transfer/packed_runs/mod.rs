@@ -250,7 +250,8 @@ mod tests {
             std::array::from_fn(|c| (0..rows).map(|i| random(i, 20 + c as u32)).collect());
         let (v_scales, u_scales, bright) = ([1.0, -0.5, 2.0], [0.25, 1.5, -1.0], [true, true, false, true]);
         let product = Product { v, v_scales: &v_scales, u, u_scales: &u_scales };
-        let form = |add: fn(Product<'_>, [&[f32]; 3], &[bool], [&mut [f32]; 3])| {
+        type Add = fn(Product<'_>, [&[f32]; 3], &[bool], [&mut [f32]; 3]);
+        let form = |add: Add| {
             let mut sums = start.clone();
             add(
                 product,

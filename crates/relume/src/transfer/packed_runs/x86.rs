@@ -4,6 +4,7 @@
 //! the same steps, with what differs in a table: bytes of a lane are brought together by shuffles, and shifts by a number of bits cut the values out.
 //! (AVX-512 does the same in half the steps, and gained nothing on a processor that has it, an AMD EPYC that takes two for each.)
 
+#[allow(clippy::wildcard_imports, reason = "intrinsics are known by their names")]
 use std::arch::x86_64::*;
 use std::sync::LazyLock;
 

@@ -246,6 +246,21 @@ fn blocks_that_cannot_be_are_refused() {
     assert!(saved.load(&saved.bytes).is_ok());
 }
 
+/// The same, with a picture of no pixels.
+#[test]
+fn a_view_of_nothing_is_refused() {
+    let transfer = small(Encoding::LowRank);
+    for (width, height) in [(0, transfer.view.height), (transfer.view.width, 0)] {
+        let mut altered = transfer.clone();
+        (altered.view.width, altered.view.height) = (width, height);
+        altered.view.centers.clear();
+        altered.view.quads.clear();
+        let saved = Saved::new(&altered);
+        let sentence = saved.refusal(&saved.bytes, "a view of nothing");
+        assert!(sentence.contains("view"), "{sentence}");
+    }
+}
+
 /// The same, with a sky that is no division of the sphere, or larger than the cloud.
 #[test]
 fn skies_that_cannot_be_are_refused() {

@@ -3,13 +3,13 @@
 use relume::glam::{Vec2, Vec3};
 use relume::sample::{
     CellMap, CloudMethod, CloudSettings, Detail, GatherCloud, GatherSample, SUB_SAMPLES, SubSample,
-    ViewSamples, illuminate, illuminate_with,
+    ViewSamples, cloud_groups, illuminate, illuminate_with,
 };
 use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef, Wrap};
 use relume::shade::{PreparedLight, shadow_ray};
 use relume::trace::sampling::{hash, unit};
 use relume::trace::{Hit, Ray};
-use relume::{Error, Light};
+use relume::{Error, Light, LightKind};
 use relume_tests::scenes::{
     SceneBuilder, TestScene, box_room, empty_room, integrating_sphere, lambertian, omni, spot,
 };
@@ -447,6 +447,35 @@ fn beneath_a_spot(lid: bool) -> (TestScene, Light) {
     }
     let kind = spot(Vec3::new(0.0, 3.0, 0.0), Vec3::ZERO, Vec3::splat(10.0), (20.0, 30.0));
     (builder.build(), Light { name: "spot".into(), enabled: true, kind })
+}
+
+/// Patches that a light cannot reach are not asked for: nothing else may come of it.
+#[test]
+fn what_is_out_of_reach_changes_no_bit() {
+    let built = room_with(|builder| {
+        let grey = builder.material(lambertian(Vec3::splat(0.5)));
+        builder.disc(Vec3::new(2.0, 1.0, 2.0), Vec3::Y, 0.7, 24, grey);
+    });
+    let cloud = cloud(&built);
+    let groups = cloud_groups(&cloud);
+    let (place, bright) = (Vec3::new(1.0, 2.0, 3.0), Vec3::splat(10.0));
+    let lights = [
+        omni(place, bright, 0.0),
+        omni(place, bright, 0.3),
+        spot(place, Vec3::new(2.0, 1.0, 2.0), bright, (5.0, 8.0)),
+        spot(place, Vec3::new(0.0, 1.0, 3.0), bright, (40.0, 90.0)),
+        LightKind::Distant { direction: Vec3::new(0.3, -1.0, 0.2), irradiance: bright, angle: 0.0 },
+        LightKind::Distant { direction: Vec3::new(0.3, -0.2, 1.0), irradiance: bright, angle: 10.0 },
+    ];
+    for kind in lights {
+        let light = Light { name: "lamp".into(), enabled: true, kind };
+        for detail in [Detail::Full, Detail::Coarse] {
+            let [asked, left] = [None, Some(&groups[..])]
+                .map(|groups| illuminate_with(&cloud, groups, &built.accel, &light, detail));
+            assert_eq!(asked.radiance, left.radiance, "{light:?}");
+            assert_eq!(asked.shadow_rays, left.shadow_rays);
+        }
+    }
 }
 
 /// The rim of a spot's cone crosses patches, parts of which ask for nothing: coarse light must not take that for an answer.

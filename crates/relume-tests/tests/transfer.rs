@@ -1,8 +1,9 @@
 //! What the transfer says against closed forms and against brute force.
 
+use std::f32::consts::PI;
 use std::sync::Arc;
 
-use relume::glam::{DVec3, Vec3};
+use relume::glam::{DVec3, Vec2, Vec3};
 use relume::image::metrics::relative_l2;
 use relume::relight::{Only, RelightSettings};
 use relume::sample::GatherSample;
@@ -10,12 +11,12 @@ use relume::scene::{AlphaMode, ColorSpace, Material, Texture, TextureRef, Wrap};
 use relume::trace::sampling::{cosine_hemisphere, sobol_2d};
 use relume::trace::{Ray, offset_origin};
 use relume::transfer::{BounceSeries, Encoding, Quality, RowMethod, Settings};
-use relume::{LightRig, Transfer};
+use relume::{LightKind, LightRig, Transfer, shade};
 use relume_tests::prepared::{
     center_sums, flat, lit_centers, mean, prepare, relight_afresh, row_sums, spread,
 };
 use relume_tests::scenes::{
-    SceneBuilder, TestScene, box_room, emissive, empty_room, integrating_sphere, lambertian, omni, rig,
+    SceneBuilder, TestScene, box_room, emissive, empty_room, integrating_sphere, lambertian, omni, rig, spot,
 };
 
 fn standard() -> Settings {
@@ -76,6 +77,50 @@ const MEAN_FURNACE: f64 = 0.008;
 /// Measured 0.0028: the same and the 8 bits of single rows.
 const PIXEL_FURNACE: f64 = 0.008;
 
+/// Pixels are lit by tiles, samples side by side, and what a light cannot reach is not looked at. Held against each sample alone, also in pictures that are
+/// no whole tiles.
+#[test]
+fn direct_light_is_that_of_each_sample_alone() {
+    let built = box_room();
+    let (place, bright) = (Vec3::new(2.6, 2.2, 2.6), Vec3::new(10.0, 8.0, 6.0));
+    let kinds = [
+        omni(place, bright, 0.0),
+        spot(place, Vec3::new(1.6, 0.5, 1.2), bright, (3.0, 12.0)),
+        spot(place, Vec3::new(1.0, 0.0, 1.0), bright, (50.0, 90.0)),
+        LightKind::Distant { direction: Vec3::new(0.2, -1.0, -0.4), irradiance: bright, angle: 0.0 },
+    ];
+    for size in [(37, 29), (1, 7), (6, 1)] {
+        let settings = Settings { size, gather: 256, quality: Quality::Glance, ..Settings::default() };
+        let transfer = Arc::new(prepare(&built, settings));
+        for (aa, kind) in [1, 2].into_iter().flat_map(|aa| kinds.iter().map(move |kind| (aa, kind))) {
+            let rig = rig([kind.clone()]);
+            let settings = RelightSettings { aa, only: Only::Direct, ..RelightSettings::default() };
+            let found = relight_afresh(&transfer, &rig, &settings).direct;
+            let grid = transfer.view.grid(aa);
+            assert!(grid.chains.branches.is_empty(), "no mirrors here");
+            let mut expected = flat(&found, Vec3::ZERO);
+            let camera = transfer.view.camera.position();
+            for (index, sample) in grid.samples.iter().enumerate().filter(|(_, sample)| sample.reflects()) {
+                let Some(light) = shade::sample(&rig.lights[0], sample.position, Vec2::ZERO) else {
+                    continue;
+                };
+                let surface = sample.surface();
+                let [lies, cos] = [surface.geometric_normal, surface.shading_normal]
+                    .map(|normal| normal.dot(light.direction));
+                let ray = shade::shadow_ray(sample.position, surface.geometric_normal, &light);
+                if lies <= 0.0 || cos <= 0.0 || built.accel.occluded(&ray) {
+                    continue;
+                }
+                let view = (camera - sample.position) / sample.depth;
+                let brdf = surface.diffuse_albedo / PI + surface.specular(view, light.direction);
+                expected.pixels[index / grid.a_pixel] += brdf * light.irradiance * cos / grid.a_pixel as f32;
+            }
+            let off = relative_l2(&found, &expected).unwrap();
+            assert!(off < 1e-5, "{size:?}, {aa} samples a side, {kind:?}: {off}");
+        }
+    }
+}
+
 /// In a hollow ball every point gathers the same share of every other: wherever the light stands, the walls receive
 /// `I / R^2` on average, and indirect light is `p^2 I / (pi R^2) (1 + p + p^2 + ...)` everywhere.
 #[test]
@@ -89,7 +134,7 @@ fn integrating_sphere_has_the_same_indirect_light_everywhere() {
             let layers = relight_afresh(&transfer, &lights, &only_centers(bounces));
             let expected = |albedo: Vec3, bounces: u32| {
                 let powers = (0..bounces).map(|k| albedo.powf(k as f32)).sum::<Vec3>();
-                albedo * albedo * intensity / std::f32::consts::PI * powers
+                albedo * albedo * intensity / PI * powers
             };
             let off = |expected| relative_l2(&layers.indirect, &flat(&layers.indirect, expected)).unwrap();
             let bounced = bounces.unwrap_or(100);

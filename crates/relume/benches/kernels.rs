@@ -12,7 +12,7 @@ use std::time::Duration;
 use criterion::{BenchmarkId, Criterion, SamplingMode, Throughput, criterion_group, criterion_main};
 use relume::glam::Vec3;
 use relume::relight::{FrameStats, Only, RelightSettings};
-use relume::sample::illuminate;
+use relume::sample::{Detail, cloud_groups, illuminate_with};
 use relume::trace::{Ray, offset_origin};
 use relume::transfer::{Coefficients, Encoding, Quality, Settings, haar};
 use relume::{Light, LightKind, LightRig, Preparation, Relighter, Transfer};
@@ -66,6 +66,11 @@ fn transform(criterion: &mut Criterion) {
                 haar::forward(black_box(&mut place), &mut scratch);
             });
         });
+        // what a frame does: all colours, on all threads
+        let light = radiance(count);
+        group.bench_function(BenchmarkId::new("of light", count), |bencher| {
+            bencher.iter(|| Coefficients::new(black_box(&light), &[]));
+        });
     }
     group.finish();
 }
@@ -88,10 +93,12 @@ fn products(criterion: &mut Criterion, encoding: Encoding, transfer: &Transfer) 
 fn light_on_the_cloud(criterion: &mut Criterion, relighter: &Relighter) {
     let (transfer, accel) = (relighter.transfer(), relighter.accel());
     let mut group = criterion.benchmark_group("light on the cloud");
-    let rays = illuminate(&transfer.cloud, accel, &lamp(0.0)).shadow_rays;
+    let groups = cloud_groups(&transfer.cloud);
+    let lit = || illuminate_with(black_box(&transfer.cloud), Some(&groups), accel, &lamp(0.0), Detail::Full);
+    let rays = lit().shadow_rays;
     group.throughput(Throughput::Elements(rays));
     group.bench_function("from a point", |bencher| {
-        bencher.iter(|| illuminate(black_box(&transfer.cloud), accel, &lamp(0.0)));
+        bencher.iter(lit);
     });
     group.finish();
 }

@@ -224,6 +224,9 @@ impl<'a, F: FnMut(usize, Vec3)> Task<'a, F> {
 
     /// Sends rays to a light without extent from those samples that were taken.
     fn ask(&mut self) {
+        if self.asked.is_empty() {
+            return;
+        }
         let arrivals = self.places.arrivals(self.shading.light);
         let at = |lanes: &[[f32; LANES]; 3], lane: usize| Vec3::from(lanes.each_ref().map(|axis| axis[lane]));
         let mut asked = std::mem::take(&mut self.asked);
@@ -291,6 +294,9 @@ impl<'a, F: FnMut(usize, Vec3)> Task<'a, F> {
 
     /// Traces the rays, and shades what waits for those that are free.
     fn trace(&mut self) {
+        if self.rays.is_empty() {
+            return;
+        }
         let mut blocked = vec![false; self.rays.len()];
         self.shading.accel.occluded_batch(&self.rays, &mut blocked);
         self.traced += self.rays.len() as u64;
@@ -312,7 +318,9 @@ impl<'a, F: FnMut(usize, Vec3)> Task<'a, F> {
                 filled = 0;
             }
         }
-        shade(&lanes, &owners[..filled]);
+        if filled > 0 {
+            shade(&lanes, &owners[..filled]);
+        }
     }
 }
 

@@ -160,6 +160,8 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sample::PackedNormal;
+    use crate::scene::{Light, LightKind};
     use crate::shade::{MIN_ROUGHNESS, Surface};
     use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d, uniform_sphere, unit};
 
@@ -208,5 +210,74 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn light_arrives_side_by_side_as_it_does_alone() {
+        let (mut arrived, mut hidden) = (0, 0);
+        for seed in 0..500_u32 {
+            let random = |dimension: u32| unit(hash(dimension, seed));
+            let vector = |dimension: u32| {
+                Vec3::from_array(std::array::from_fn(|axis| 2.0 * random(dimension + axis as u32) - 1.0))
+            };
+            let intensity = Vec3::new(1.0, 2.0, 3.0);
+            let kind = match seed % 3 {
+                0 => LightKind::Omni { position: vector(0), intensity, radius: 0.0 },
+                1 => LightKind::Spot {
+                    position: vector(0),
+                    target: vector(3),
+                    intensity,
+                    inner_angle: 30.0,
+                    outer_angle: 60.0,
+                    radius: 0.0,
+                },
+                _ => LightKind::Distant { direction: vector(0), irradiance: intensity, angle: 0.0 },
+            };
+            let light = PreparedLight::new(&Light { name: String::new(), enabled: true, kind });
+            let mut places = Places::ZERO;
+            // that is shaded by leans away from the other, as on bumps: either may look away from the light alone
+            let samples: [(Vec3, PackedNormal, PackedNormal); LANES] = std::array::from_fn(|i| {
+                let normal = uniform_sphere(sobol_2d(i as u32, 0, seed));
+                let leaning = (normal + 0.8 * vector(10 + 9 * i as u32)).normalize();
+                (vector(13 + 9 * i as u32), PackedNormal::new(normal), PackedNormal::new(leaning))
+            });
+            for (lane, (position, geometric, shading)) in samples.iter().enumerate() {
+                for axis in 0..3 {
+                    places.position[axis][lane] = position[axis];
+                }
+                for side in 0..2 {
+                    places.geometric[side][lane] = geometric.sides()[side];
+                    places.shading[side][lane] = shading.sides()[side];
+                }
+            }
+            let arrivals = places.arrivals(&light);
+            for (lane, (position, geometric, shading)) in samples.into_iter().enumerate() {
+                let at = |lanes: &[Lane; 3]| Vec3::from(lanes.each_ref().map(|axis| axis[lane]));
+                let (geometric, shading) = (geometric.get(), shading.get());
+                assert!((at(&arrivals.geometric) - geometric).length() < 1e-6);
+                assert!((at(&arrivals.shading) - shading).length() < 1e-6);
+                let Some(alone) = light.center(position) else {
+                    assert_eq!(arrivals.cos[lane], 0.0);
+                    continue;
+                };
+                let [lies, shades] = [geometric, shading].map(|normal| normal.dot(alone.direction));
+                if lies < 1e-5 || shades < 1e-5 {
+                    hidden += u32::from(lies.max(shades) > 0.1);
+                    assert!(arrivals.cos[lane] < 2e-5, "{lies} {shades}");
+                    continue;
+                }
+                arrived += 1;
+                assert!((arrivals.cos[lane] - shades).abs() < 1e-5);
+                assert!((at(&arrivals.light.direction) - alone.direction).length() < 1e-5);
+                let distance = arrivals.light.distance[lane];
+                assert!(distance == alone.distance || (distance / alone.distance - 1.0).abs() < 1e-5);
+                let irradiance = arrivals.light.irradiance * arrivals.light.factor[lane];
+                let off = (irradiance - alone.irradiance).abs().max_element();
+                // of a spot's rim, only what it would be without tells rounding from error
+                let most = 3.0 / if alone.distance.is_finite() { alone.distance.powi(2) } else { 1.0 };
+                assert!(off <= 1e-5 * most, "{irradiance} {}", alone.irradiance);
+            }
+        }
+        assert!(arrived > 1000 && hidden > 200, "{arrived} {hidden}");
     }
 }

@@ -88,9 +88,9 @@ pub struct FrameStats {
     /// What pixels reflect, the cloud's albedo and how fast light fades, where the rig edits base colours otherwise than in the frame before; else 0.
     /// The last is most of it: some twenty to forty steps of bounces, as much as those of two to four lights.
     pub edits_ms: f64,
-    /// Direct light on the view samples.
+    /// Direct light on the view samples; in the first frame also what of them a light could reach is found.
     pub direct_ms: f64,
-    /// Direct light on the cloud.
+    /// Direct light on the cloud; in the first frame also what of it a light could reach is found.
     pub cloud_ms: f64,
     /// Bounces within the cloud.
     pub bounces_ms: f64,

@@ -63,7 +63,11 @@ pub enum Detail {
     Coarse,
 }
 
-/// The same with as many shadow rays as `detail` says. With `groups`, which are [`cloud_groups`]', it is found sooner.
+/// The same with as many shadow rays as `detail` says. With `groups`, which are [`cloud_groups`]' of this cloud or one of the same places, it is found
+/// sooner.
+///
+/// # Panics
+/// If `groups` are not as many as the cloud's.
 pub fn illuminate_with(
     cloud: &GatherCloud,
     groups: Option<&[PointGroup]>,
@@ -71,6 +75,8 @@ pub fn illuminate_with(
     light: &Light,
     detail: Detail,
 ) -> CloudLight {
+    let count = cloud.sub_samples.len().div_ceil(CLOUD_GROUP);
+    assert!(groups.is_none_or(|groups| groups.len() == count), "groups of another cloud");
     let prepared = PreparedLight::new(light);
     let surfaces = cloud.surfaces().len();
     // lamps do not shine on the sky, whose samples come last

@@ -2,7 +2,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use super::point_group::Angle;
+use super::point_group::{Angle, MARGIN};
 use super::{Dome, PointGroup, ViewCone};
 use crate::scene::{Light, LightKind};
 use crate::trace::sampling::tangents;
@@ -13,9 +13,6 @@ pub(super) const MIN_DISTANCE2: f32 = 1e-10;
 
 /// Narrowest difference of a spot's cosines: what f32 can tell apart. A narrower rim is a hard edge.
 const MIN_RIM: f64 = 1e-7;
-
-/// Cosines, against rounding: how far past a spot's cone points still count as within.
-const CONE_MARGIN: f32 = 1e-4;
 
 /// What arrives at a point from one sample of a light, were nothing in between.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,6 +32,7 @@ pub struct LightSample {
 pub(super) struct Cone {
     pub(super) axis: Vec3,
     pub(super) cos_outer: f32,
+    sin_outer: f32,
     pub(super) inverse_rim: f32,
 }
 
@@ -101,16 +99,16 @@ impl Cone {
         Self {
             axis: axis.normalize_or(Vec3::NEG_Y),
             cos_outer: cos_outer as f32,
+            sin_outer: f64::from(outer_angle).to_radians().sin() as f32,
             inverse_rim: (1.0 / rim) as f32,
         }
     }
 
-    /// Whether the cone, which begins at a point from which something spreads by `angle` around the unit `direction`, could hold some of it.
+    /// Whether the cone, from whose tip something spreads by `angle` around the unit `direction`, could hold some of it.
     fn may_hold(&self, direction: Vec3, angle: Angle) -> bool {
-        let sin_outer = (1.0 - self.cos_outer * self.cos_outer).max(0.0).sqrt();
-        let sin = sin_outer * angle.cos + self.cos_outer * angle.sin;
-        let cos = self.cos_outer * angle.cos - sin_outer * angle.sin;
-        sin <= 0.0 || self.axis.dot(direction) > cos - CONE_MARGIN
+        let sin = self.sin_outer * angle.cos + self.cos_outer * angle.sin;
+        let cos = self.cos_outer * angle.cos - self.sin_outer * angle.sin;
+        sin <= 0.0 || self.axis.dot(direction) > cos - MARGIN
     }
 
     fn factor(&self, cos: f32) -> f32 {
@@ -167,7 +165,8 @@ impl PreparedLight {
                 let to_light = position - points.center;
                 let distance = to_light.length();
                 let reach = points.radius + radius2.sqrt();
-                if distance <= reach * 1.001 {
+                // what is so near has some of it in every direction
+                if distance <= reach * (1.0 + MARGIN) {
                     return true;
                 }
                 let direction = to_light / distance;
@@ -177,7 +176,8 @@ impl PreparedLight {
             }
             Shape::Distant { direction, one_minus_cos } => {
                 let sin = (one_minus_cos * (2.0 - one_minus_cos)).max(0.0).sqrt();
-                points.may_face(*direction, Angle::of_sin(sin))
+                // a disc of more than half of all directions has some above every horizon
+                *one_minus_cos >= 1.0 || points.may_face(*direction, Angle::of_sin(sin))
             }
             Shape::Dome(_) => true,
         }

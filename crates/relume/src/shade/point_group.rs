@@ -1,7 +1,7 @@
 use glam::Vec3;
 
-/// What must at least be between a light and points for these to be called out of its reach: of cosines, against rounding.
-const MARGIN: f32 = 1e-4;
+/// Against rounding: cosines nearer than this to those at which light ends count as within it, and spheres are as much larger.
+pub(super) const MARGIN: f32 = 1e-4;
 
 /// Points on surfaces that are asked for together whether a light could reach any of them
 /// ([`PreparedLight::may_reach`](super::PreparedLight::may_reach)): a sphere around them, and a cone around their normals.
@@ -43,12 +43,14 @@ impl PointGroup {
             (low, high, sum) = (low.min(position), high.max(position), sum + normal);
         }
         let (center, axis) = (0.5 * (low + high), sum.normalize_or_zero());
-        let (mut radius2, mut cos) = (-1.0_f32, 1.0_f32);
+        let (mut radius2, mut sin, mut bend) = (-1.0_f32, 0.0_f32, 1.0_f32);
         for (position, normal) in points {
-            (radius2, cos) = (radius2.max(position.distance_squared(center)), cos.min(axis.dot(normal)));
+            radius2 = radius2.max(position.distance_squared(center));
+            // the sine by itself: of normals nearly alike, the cosine has lost all digits
+            (sin, bend) = (sin.max(axis.cross(normal).length()), bend.min(axis.dot(normal)));
         }
         let radius = if radius2 < 0.0 { -1.0 } else { radius2.sqrt() * (1.0 + MARGIN) };
-        let spread = (cos > 0.0).then(|| Angle { sin: (1.0 - cos * cos).max(0.0).sqrt(), cos });
+        let spread = (bend > 0.0 && sin < 1.0).then(|| Angle::of_sin(sin));
         Self { center, radius, axis, spread }
     }
 

@@ -407,7 +407,7 @@ impl<'a> Opened<'a> {
         let known = |sample: &ViewSample| !sample.is_lit() || (sample.material as usize) < materials;
         let fits = pixels == Some(view.centers.len())
             && pixels.and_then(|pixels| pixels.checked_mul(4)) == Some(view.quads.len());
-        if !fits || !view.camera.is_usable() {
+        if !fits || pixels == Some(0) || !view.camera.is_usable() {
             return Err(self.refuse("view"));
         }
         let sound = |grid: ViewGrid<'_>| {

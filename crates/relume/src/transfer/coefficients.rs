@@ -46,7 +46,7 @@ impl Coefficients {
         let (red, last_red) = red[..indices.len()].as_chunks_mut::<4>();
         let (green, last_green) = green[..indices.len()].as_chunks_mut::<4>();
         let (blue, last_blue) = blue[..indices.len()].as_chunks_mut::<4>();
-        let mut next = || at(indices.next().unwrap_or_default());
+        let mut next = || at(indices.next().expect("as many as was said"));
         for ((red, green), blue) in red.iter_mut().zip(green).zip(blue) {
             let colors = Mat4::from_cols(next(), next(), next(), next()).transpose();
             (*red, *green, *blue) = (colors.x_axis.into(), colors.y_axis.into(), colors.z_axis.into());

@@ -73,7 +73,11 @@ impl Norms {
         // in parts that do not depend on the number of threads
         let lit = coefficients.as_slice().par_chunks(4096).zip(self.columns.par_chunks(4096));
         let part = |(light, squares): (&[[f32; 3]], &[f32])| -> f64 {
-            light.iter().zip(squares).map(|(&light, &square)| f64::from(energy(light) * square)).sum()
+            light
+                .iter()
+                .zip(squares)
+                .map(|(&light, &square)| f64::from(energy(light)) * f64::from(square))
+                .sum()
         };
         let parts: Vec<f64> = lit.map(part).collect();
         let all: f64 = parts.iter().sum();

@@ -2,7 +2,7 @@
 //!
 //! `F_b ~= U_b V_b D^-1 W`: `W` the Haar transform, `D` the expected magnitude of light's coefficients, `V_b` the block's
 //! strongest directions in that weighted space cut to its most important coefficients, `U_b` the weights of each row. Both are
-//! quantised in equal steps of what they do to a row, in as few bits as that takes (`packed_runs.rs`). This is clustered
+//! quantised in equal steps of what they do to a row, in as few bits as that takes (`packed_runs`). This is clustered
 //! principal component analysis (Huang and Ramamoorthi 2010) in the wavelet basis of Hasan 2006. How it is found is in
 //! `low_rank_encoder.rs`; here it is kept and applied.
 
@@ -126,7 +126,11 @@ impl LowRank {
             )
             && is(sum(|s| u64::from(s.rank)), self.v_scales.len())
             && self.v_scales.len() == self.u_scales.len()
-            && self.v_scales.iter().chain(&*self.u_scales).all(|scale| scale.is_finite())
+            && self
+                .v_scales
+                .iter()
+                .zip(&*self.u_scales)
+                .all(|(v, u)| v.is_finite() && u.is_finite() && (v * u).is_finite())
             && self.v.is_sound()
             && self.u.is_sound()
             && (0..self.indices.len()).all(|at| self.index(at) < count)

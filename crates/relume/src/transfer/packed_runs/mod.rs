@@ -165,10 +165,10 @@ pub(super) struct Product<'a> {
 
 impl Product<'_> {
     /// Adds `U V light` to `sums`, for three colours, all whole runs long, but for those runs of the light that are not `bright`.
-    pub(super) fn add(self, light: [&[f32]; 3], bright: &[bool], sums: [&mut [f32]; 3]) {
+    pub(super) fn add(self, light: [&[f32]; 3], bright: &[bool], mut sums: [&mut [f32]; 3]) {
         #[cfg(target_arch = "x86_64")]
-        if x86::is_there() {
-            return x86::add(self, light, bright, sums);
+        if x86::add(self, light, bright, sums.each_mut().map(|sums| &mut **sums)) {
+            return;
         }
         scalar::add(self, light, bright, sums);
     }
@@ -236,6 +236,74 @@ mod tests {
         assert!(back[all.len()..].iter().all(|&value| value == 0));
     }
 
+    type Add = fn(Product<'_>, [&[f32]; 3], &[bool], [&mut [f32]; 3]);
+
+    /// The twin, and what this processor is given where it has something of its own.
+    fn forms() -> Vec<Add> {
+        #[cfg(target_arch = "x86_64")]
+        {
+            let nothing = Runs { widths: &[], bytes: &[] };
+            let product = Product { v: nothing, v_scales: &[], u: nothing, u_scales: &[] };
+            if x86::add(product, [&[]; 3], &[], [&mut [], &mut [], &mut []]) {
+                return vec![scalar::add, |product, light, bright, sums| {
+                    assert!(x86::add(product, light, bright, sums));
+                }];
+            }
+        }
+        println!("skipped: no AVX2 and FMA here, only the scalar form is tested");
+        vec![scalar::add]
+    }
+
+    /// A run of this width: the ends of its range, then what is random.
+    fn run_of(width: u8, seed: u32) -> Vec<i16> {
+        let half = (f32::from(width) - 1.0).exp2();
+        let random = |i: usize| ((2.0 * unit(hash(i as u32, seed)) - 1.0) * half).floor();
+        let value = |i: usize| match i {
+            _ if width == 0 => 0.0,
+            _ if i % 17 == 3 => -half,
+            _ if i % 17 == 11 => half - 1.0,
+            _ => random(i),
+        };
+        (0..RUN).map(|i| value(i) as i16).collect()
+    }
+
+    /// Light on one coefficient brings one product of whole numbers to each row: nothing is rounded away, whatever the form.
+    #[test]
+    fn every_value_of_every_width_is_multiplied() {
+        let widths = [0, 1, 2, 3, 4, 5, 6, 7, 8, 16];
+        for form in forms() {
+            for (number, &of_v) in (0..).zip(&widths) {
+                for &of_u in &widths {
+                    // in the middle of the bytes, and at their end
+                    let v: Vec<i16> =
+                        [of_v, 5, of_v].iter().zip(0..).flat_map(|(&w, i)| run_of(w, number + i)).collect();
+                    let u: Vec<i16> =
+                        [of_u, 3, of_u].iter().zip(7..).flat_map(|(&w, i)| run_of(w, number + i)).collect();
+                    let (packed_v, packed_u) = (packed(&v), packed(&u));
+                    let product = Product {
+                        v: packed_v.runs(),
+                        v_scales: &[1.0],
+                        u: packed_u.runs(),
+                        u_scales: &[1.0],
+                    };
+                    for lit in (0..v.len()).step_by(5) {
+                        let mut light = [vec![0.0; v.len()], vec![0.0; v.len()], vec![0.0; v.len()]];
+                        [light[0][lit], light[1][lit], light[2][lit]] = [1.0, -1.0, 2.0];
+                        let mut sums = [vec![0.0; u.len()], vec![0.0; u.len()], vec![0.0; u.len()]];
+                        let lanes = sums.each_mut().map(|sums| &mut sums[..]);
+                        form(product, light.each_ref().map(|light| &light[..]), &[true; 3], lanes);
+                        for (row, &weight) in u.iter().enumerate() {
+                            let expected = f64::from(weight) * f64::from(v[lit]);
+                            let found = sums.each_ref().map(|sums| sums[row]);
+                            let factors = [1.0, -1.0, 2.0].map(|factor| (factor * expected) as f32);
+                            assert_eq!(found, factors, "widths {of_v} and {of_u}, value {lit}, row {row}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
     #[test]
     fn products_are_those_of_the_values_one_by_one() {
         let packed = packed(&some());
@@ -250,7 +318,6 @@ mod tests {
             std::array::from_fn(|c| (0..rows).map(|i| random(i, 20 + c as u32)).collect());
         let (v_scales, u_scales, bright) = ([1.0, -0.5, 2.0], [0.25, 1.5, -1.0], [true, true, false, true]);
         let product = Product { v, v_scales: &v_scales, u, u_scales: &u_scales };
-        type Add = fn(Product<'_>, [&[f32]; 3], &[bool], [&mut [f32]; 3]);
         let form = |add: Add| {
             let mut sums = start.clone();
             add(

@@ -6,7 +6,6 @@
 
 #[allow(clippy::wildcard_imports, reason = "intrinsics are known by their names")]
 use std::arch::x86_64::*;
-use std::sync::LazyLock;
 
 use super::{LANES, Product, RUN, Runs, run_bytes};
 
@@ -70,24 +69,16 @@ const fn unpackings() -> [Unpacking; 9] {
     all
 }
 
-static IS_THERE: LazyLock<bool> =
-    LazyLock::new(|| is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"));
-
-/// Whether the processor has both.
-pub(super) fn is_there() -> bool {
-    *IS_THERE
-}
-
-/// See [`Product::add`].
-///
-/// # Panics
-/// Unless the processor [`is_there`].
-pub(super) fn add(product: Product<'_>, light: [&[f32]; 3], bright: &[bool], sums: [&mut [f32]; 3]) {
-    assert!(is_there());
+/// Adds as [`Product::add`] has it; false, with nothing done, where the processor has not what that takes.
+pub(super) fn add(product: Product<'_>, light: [&[f32]; 3], bright: &[bool], sums: [&mut [f32]; 3]) -> bool {
+    if !is_x86_feature_detected!("avx2") || !is_x86_feature_detected!("fma") {
+        return false;
+    }
     #[expect(unsafe_code, reason = "the processor was asked")]
     unsafe {
         add_fused(product, light, bright, sums);
     }
+    true
 }
 
 /// One of the four values of each word.
@@ -151,8 +142,8 @@ fn sum([low, high]: Floats) -> f32 {
     _mm_cvtss_f32(_mm_add_ss(two, _mm_movehdup_ps(two)))
 }
 
-/// The four times 16 values of a run, from its width and the bytes that begin with its own. No function, and nothing in here or where it is used is a closure:
-/// compilers may leave either out of line, where vectors go through memory and take ten times as long.
+/// The four times 16 values of a run, from its width and the bytes that begin with its own. A macro, and no closure in it or where it is used: a compiler may leave
+/// either out of line, as it did, and vectors then go through memory, which takes ten times as long. What is called is a few instructions long each.
 macro_rules! values {
     ($width:expr, $bytes:expr) => {{
         let (width, bytes): (u8, &[u8]) = ($width, $bytes);
@@ -231,10 +222,9 @@ fn add_fused(product: Product<'_>, light: [&[f32]; 3], bright: &[bool], sums: [&
                 }
             }
         }
-        let scale = v_scale * u_scale;
-        let red = _mm256_set1_ps(sum(y[0]) * scale);
-        let green = _mm256_set1_ps(sum(y[1]) * scale);
-        let blue = _mm256_set1_ps(sum(y[2]) * scale);
+        let red = _mm256_set1_ps(sum(y[0]) * v_scale * u_scale);
+        let green = _mm256_set1_ps(sum(y[1]) * v_scale * u_scale);
+        let blue = _mm256_set1_ps(sum(y[2]) * v_scale * u_scale);
         for (run, &width) in of_u.iter().enumerate() {
             let bytes = u;
             u = &bytes[run_bytes(width)..];

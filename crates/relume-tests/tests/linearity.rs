@@ -250,7 +250,7 @@ fn a_preview_lights_coarsely_what_moved_and_the_frame_after_it_is_whole() {
             "light {light}: off by {off:.4}, {} rays for {}, {} bounce steps for {}",
             coarse_stats.shadow_rays, stats.shadow_rays, coarse_stats.bounce_steps, stats.bounce_steps
         );
-        // measured 0.013 and 0.014
+        // measured 0.019 and 0.010
         assert!(off > 0.0 && off < 0.03, "light {light}: {off}");
         assert!(2 * coarse_stats.shadow_rays < stats.shadow_rays);
         assert!(coarse_stats.bounce_steps < stats.bounce_steps);

@@ -255,6 +255,16 @@ fn a_view_of_nothing_is_refused() {
         (altered.view.width, altered.view.height) = (width, height);
         altered.view.centers.clear();
         altered.view.quads.clear();
+        (altered.view.center_emission, altered.view.quad_emission) = (Vec::new(), Vec::new());
+        (altered.view.center_chains, altered.view.quad_chains) = Default::default();
+        for receivers in [
+            &mut altered.receivers_of_centers,
+            &mut altered.receivers_of_quads,
+            &mut altered.receivers_of_center_branches,
+            &mut altered.receivers_of_quad_branches,
+        ] {
+            *receivers = Vec::new().into();
+        }
         let saved = Saved::new(&altered);
         let sentence = saved.refusal(&saved.bytes, "a view of nothing");
         assert!(sentence.contains("view"), "{sentence}");

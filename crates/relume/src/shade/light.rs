@@ -201,7 +201,6 @@ impl PreparedLight {
     }
 
     /// For a local light: the unit direction from `position` to its centre, the distance, and its intensity that way.
-    #[inline(always)]
     fn towards(&self, position: Vec3) -> Option<(Vec3, f32, Vec3)> {
         let Shape::Local { position: center, radius2, cone } = self.shape else { return None };
         let to_center = center - position;
@@ -259,7 +258,6 @@ impl PreparedLight {
 
     /// The whole light as if it shone from its centre. On a surface that has all of the light above its horizon,
     /// `irradiance * cos` is exactly what the light brings, whatever its extent. `None` for a dome too.
-    #[inline(always)]
     pub fn center(&self, position: Vec3) -> Option<LightSample> {
         match self.shape {
             Shape::Local { radius2, .. } => {
@@ -275,7 +273,6 @@ impl PreparedLight {
     }
 
     /// See [`sample`].
-    #[inline(always)]
     pub fn sample(&self, position: Vec3, sample: Vec2) -> Option<LightSample> {
         match self.shape {
             Shape::Local { radius2, .. } => {

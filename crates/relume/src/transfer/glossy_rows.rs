@@ -32,9 +32,8 @@ struct Lobes {
 }
 
 /// Cells as structure of arrays: where they are, and their normals times `area / pi`.
-#[derive(Default)]
-struct Targets {
-    cells: Vec<u32>,
+struct Targets<'a> {
+    cells: &'a [u32],
     place: [Vec<f32>; 3],
     weighted: [Vec<f32>; 3],
 }
@@ -51,7 +50,7 @@ struct ShinyTile<'a> {
 
 impl ShinyTile<'_> {
     /// How many of the tile's rays are expected to hit each of the targets. `shares` are form factors added up over the tile.
-    fn expected_hits(&self, terms: &Lobes, targets: &Targets, shares: &[f32]) -> Vec<f32> {
+    fn expected_hits(&self, terms: &Lobes, targets: &Targets<'_>, shares: &[f32]) -> Vec<f32> {
         let [hemisphere, lobe] = self.rays.map(|rays| rays as f32);
         let mut expected: Vec<f32> =
             targets.cells.iter().map(|&cell| hemisphere * shares[cell as usize]).collect();
@@ -162,7 +161,8 @@ impl RowSource<'_> {
         rows: &mut [f32],
         scratch: &mut RowScratch,
     ) {
-        let targets = self.targets(tiling, shiny.tile, chunk, scratch);
+        scratch.gather_sight(tiling, chunk, shiny.tile.members);
+        let targets = self.targets(chunk, &scratch.sight.cells);
         if targets.cells.is_empty() {
             return;
         }
@@ -172,29 +172,27 @@ impl RowSource<'_> {
         for (&member, responses) in shiny.tile.members.iter().zip(responses) {
             scratch.see(tiling, chunk, member as usize);
             let row = &mut rows[member as usize * self.patches.len() + chunk.first..][..chunk.width];
-            for ((&cell, response), expected) in targets.cells.iter().zip(responses).zip(&expected) {
-                let (visible, told) = (scratch.visible[cell as usize], scratch.told[cell as usize]);
-                if visible > 0.0 {
+            let seen = scratch.sight.visible.iter().zip(&scratch.sight.told);
+            for (((&cell, response), expected), (visible, told)) in
+                scratch.sight.cells.iter().zip(responses).zip(&expected).zip(seen)
+            {
+                if *visible > 0.0 {
                     row[cell as usize] += visible / told * response / (BALANCE * expected + 1.0);
                 }
             }
         }
     }
 
-    /// The cells of a chunk that are seen from the tile or near it.
-    fn targets(&self, tiling: &Tiling, tile: &Tile<'_>, chunk: Chunk, scratch: &RowScratch) -> Targets {
-        let mut cells: Vec<u32> = scratch.seen_near(tiling, chunk, tile.members).collect();
-        cells.sort_unstable();
-        cells.dedup();
-        let mut targets = Targets::default();
-        for &cell in &cells {
+    /// Some cells of a chunk.
+    fn targets<'a>(&self, chunk: Chunk, cells: &'a [u32]) -> Targets<'a> {
+        let mut targets = Targets { cells, place: Default::default(), weighted: Default::default() };
+        for &cell in cells {
             let (place, weighted) = self.patches.placed(chunk.first + cell as usize);
             for axis in 0..3 {
                 targets.place[axis].push(place[axis]);
                 targets.weighted[axis].push(weighted[axis]);
             }
         }
-        targets.cells = cells;
         targets
     }
 }
@@ -210,7 +208,7 @@ fn lobes_of(tile: &Tile<'_>) -> Vec<LobeTerms> {
     tile.points.iter().map(|point| point.lobe.map(|lobe| lobe.terms()).unwrap_or_default()).collect()
 }
 
-fn terms_towards(shiny: &ShinyTile<'_>, targets: &Targets) -> Lobes {
+fn terms_towards(shiny: &ShinyTile<'_>, targets: &Targets<'_>) -> Lobes {
     let (count, points) = (targets.cells.len(), &shiny.tile.points);
     let [mut responses, mut densities] = [0, 1].map(|_| vec![0.0; points.len() * count]);
     let out = responses.chunks_exact_mut(count).zip(densities.chunks_exact_mut(count));
@@ -225,7 +223,7 @@ fn terms_towards(shiny: &ShinyTile<'_>, targets: &Targets) -> Lobes {
 fn towards_cells(
     lobe: &LobeTerms,
     from: Vec3,
-    targets: &Targets,
+    targets: &Targets<'_>,
     responses: &mut [f32],
     densities: &mut [f32],
 ) {

@@ -45,6 +45,7 @@ mod rows;
 mod selection;
 mod settings;
 mod shot;
+mod sight;
 mod tensors;
 mod tiles;
 mod training;

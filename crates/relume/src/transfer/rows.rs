@@ -8,7 +8,8 @@
 //!   points with a hundred rays each gather as by sixteen hundred.
 //! - *Form factors.* Every cell's own, `f_p = G_p A`, adds `V_p f_p (1 - w)`. Each tile asks for the visibility of each cell once, by a
 //!   ray from a random point of the tile to a random point of the cell; `V_p` is the mean of what the tiles near `p` were told. Of
-//!   a cluster of cells that matter little together, one is chosen by its form factor and stands for all (`faint.rs`).
+//!   a cluster of cells that matter little together, one is chosen by its form factor and stands for all (`faint.rs`); so it does of
+//!   a cluster that matters more, where no hemisphere ray of the points around found it. Four rays of five would be blocked otherwise.
 //!
 //! With `m = n` this is the balance heuristic (Veach 1997, section 9.2.2) over the tile's strategies. Here `m` is smaller, as if
 //! the tile had sent [`BALANCE`] rays: any weights that add up to one are right on average, and form factors of cells that are
@@ -27,6 +28,7 @@ use multiversion::multiversion;
 
 use super::faint::{FAINT_CLUSTER, choose_speakers};
 use super::form_factors::Patches;
+use super::sight::{Answers, Sight};
 use super::tiles::{GatherPoint, Spread, TILE, Tiling};
 use crate::sample::CellMap;
 use crate::scene::Geometry;
@@ -81,21 +83,48 @@ pub(super) struct RowScratch {
     pub(super) found: Vec<Found>,
     /// Where each tile's end, and how many rays each of its points sent.
     pub(super) found_ends: Vec<(usize, usize)>,
+    /// Cells that rays of each run of [`TILE`] points hit: a bit a cell, a word a cluster of [`FAINT_CLUSTER`].
+    hit_cells: Vec<u64>,
     /// Which cell of the chunk a visibility ray goes to, and what its form factor counts for if it is seen.
     asked: Vec<(u32, f32)>,
+    /// Of each of `asked`, the tile that asks.
+    askers: Vec<u32>,
+    /// Where each tile's end.
+    asked_ends: Vec<usize>,
+    by_cell: ByCell,
+    /// Of each of `asked`, whether it is hidden.
+    hidden: Vec<bool>,
     /// Unshadowed form factors of a chunk of cells, a row a point.
     factors: Vec<f32>,
     /// Their sums over the tiles, a row a tile.
     shares: Vec<f32>,
-    /// Cells of the chunks, numbered within them, that tiles see, chunk by chunk and tile by tile; more than one for a cell that
-    /// stands for others.
-    seen: Vec<(u32, f32)>,
-    /// Where each tile's end in each chunk.
-    ends: Vec<usize>,
-    /// Visibility from one point, one a cell of the chunk, times what it is divided by:
-    pub(super) visible: Vec<f32>,
-    /// the weight of the tiles that were asked.
-    pub(super) told: Vec<f32>,
+    /// What tiles see: of all chunks if it is kept, else of the chunk at hand.
+    answers: Answers,
+    pub(super) sight: Sight,
+}
+
+/// Visibility rays ordered by the cell that they go to, so that those from tiles side by side to the same cell run side by side.
+#[derive(Default)]
+struct ByCell {
+    /// Places among what was asked.
+    order: Vec<u32>,
+    /// Where the next ray to each cell of the chunk goes in `order`.
+    next: Vec<u32>,
+}
+
+impl ByCell {
+    fn sort(&mut self, asked: &[(u32, f32)], cells: usize) {
+        self.next.clear();
+        self.next.resize(cells + 1, 0);
+        asked.iter().for_each(|&(cell, _)| self.next[cell as usize + 1] += 1);
+        (0..cells).for_each(|cell| self.next[cell + 1] += self.next[cell]);
+        self.order.resize(asked.len(), 0);
+        for (place, &(cell, _)) in asked.iter().enumerate() {
+            let next = &mut self.next[cell as usize];
+            self.order[*next as usize] = place as u32;
+            *next += 1;
+        }
+    }
 }
 
 /// A cell that a ray hit, and where; of the sky, far away.
@@ -155,6 +184,11 @@ impl<'a> Tile<'a> {
 }
 
 impl Chunk {
+    #[cfg(test)]
+    pub(super) fn new(number: usize, first: usize, width: usize) -> Self {
+        Self { number, first, width }
+    }
+
     /// Its part of row `row` of a matrix with a column a cell of the chunk.
     pub(super) fn row(self, row: usize) -> Range<usize> {
         row * self.width..(row + 1) * self.width
@@ -169,10 +203,11 @@ impl RowSource<'_> {
         let mut rays = scratch.rays.len() as u64;
         let tiling = Tiling::new(points, &clearances, self.settings.spread);
         let tiles: Vec<Tile<'_>> = tiling.tiles.iter().map(|members| Tile::new(points, members)).collect();
+        scratch.hit_cells.clear();
+        scratch.hit_cells.resize(points.len().div_ceil(TILE) * self.clusters(), 0);
         scratch.found.clear();
         scratch.found_ends.clear();
-        scratch.seen.clear();
-        scratch.ends.clear();
+        scratch.answers.clear();
         for tile in &tiles {
             rays += self.add_hits(tile, rows, scratch);
         }
@@ -231,7 +266,7 @@ impl RowSource<'_> {
         }
         scratch.hits.resize(scratch.rays.len(), Hit::MISS);
         self.accel.closest_batch(&scratch.rays, &mut scratch.hits);
-        let (count, balance) = (self.patches.len(), tile.balance());
+        let (count, balance, first_word) = (self.patches.len(), tile.balance(), self.hit_words(tile));
         let mut geometry_terms = [0.0; TILE];
         let terms = &mut geometry_terms[..tile.points.len()];
         for (ray, hit) in scratch.rays.iter().zip(&scratch.hits) {
@@ -240,6 +275,7 @@ impl RowSource<'_> {
                 scratch.found.push(found);
             }
             let cell = found.cell as usize;
+            scratch.hit_cells[first_word + cell / FAINT_CLUSTER] |= 1 << (cell % FAINT_CLUSTER);
             let total = geometry_factors(tile, found.position, found.normal, terms);
             if total <= 0.0 {
                 continue;
@@ -254,6 +290,16 @@ impl RowSource<'_> {
         }
         scratch.found_ends.push((scratch.found.len(), each));
         scratch.rays.len() as u64
+    }
+
+    /// Clusters of [`FAINT_CLUSTER`] cells.
+    fn clusters(&self) -> usize {
+        self.patches.len().div_ceil(FAINT_CLUSTER)
+    }
+
+    /// Where what the rays of a tile's run of points hit begins among [`RowScratch::hit_cells`].
+    fn hit_words(&self, tile: &Tile<'_>) -> usize {
+        tile.members[0] as usize / TILE * self.clusters()
     }
 
     /// The cell that a ray hit.
@@ -292,25 +338,35 @@ impl RowSource<'_> {
     /// Which cells of a chunk the tiles see: one ray for each tile and cell, or for a cluster of cells that matter little to the
     /// tile together.
     fn look(&self, tiles: &[Tile<'_>], chunk: Chunk, block_seed: u32, scratch: &mut RowScratch) -> u64 {
-        let mut rays = 0;
         if !scratch.keep {
-            scratch.seen.clear();
-            scratch.ends.clear();
+            scratch.answers.clear();
         }
+        scratch.asked.clear();
+        scratch.askers.clear();
+        scratch.asked_ends.clear();
         for (number, tile) in tiles.iter().enumerate() {
             self.ask(tile, (number, block_seed), chunk, scratch);
-            scratch.rays.clear();
-            for &(cell, _) in &scratch.asked {
-                scratch.rays.push(self.probe(tile, chunk, cell as usize, &scratch.factors));
-            }
-            scratch.blocked.resize(scratch.rays.len(), false);
-            self.accel.occluded_batch(&scratch.rays, &mut scratch.blocked);
-            let asked = scratch.asked.iter().zip(&scratch.blocked);
-            scratch.seen.extend(asked.filter(|&(_, &hidden)| !hidden).map(|(&asked, _)| asked));
-            scratch.ends.push(scratch.seen.len());
-            rays += scratch.rays.len() as u64;
+            scratch.askers.resize(scratch.asked.len(), number as u32);
+            scratch.asked_ends.push(scratch.asked.len());
         }
-        rays
+        let RowScratch { rays, blocked, hidden, asked, askers, asked_ends, by_cell, factors, .. } = scratch;
+        by_cell.sort(asked, chunk.width);
+        rays.clear();
+        rays.extend(by_cell.order.iter().map(|&place| {
+            let (tile, cell) = (askers[place as usize], asked[place as usize].0);
+            self.probe(&tiles[tile as usize], chunk, cell as usize, factors)
+        }));
+        blocked.resize(rays.len(), false);
+        self.accel.occluded_batch(rays, blocked);
+        hidden.resize(rays.len(), false);
+        by_cell.order.iter().zip(&*blocked).for_each(|(&place, &blocked)| hidden[place as usize] = blocked);
+        let mut first = 0;
+        for &end in &*asked_ends {
+            let asked = asked[first..end].iter().zip(&hidden[first..end]);
+            scratch.answers.add(asked.filter(|&(_, &hidden)| !hidden).map(|(&asked, _)| asked));
+            first = end;
+        }
+        scratch.rays.len() as u64
     }
 
     /// Chooses the cells of a chunk that tile `number` asks for.
@@ -321,7 +377,6 @@ impl RowSource<'_> {
         chunk: Chunk,
         scratch: &mut RowScratch,
     ) {
-        scratch.asked.clear();
         let shares = &scratch.shares[chunk.row(number)];
         let faint = self.settings.faint * tile.members.len() as f32;
         // near tiles, whose answers a point puts together, mostly follow each other: their draws are spread evenly
@@ -330,9 +385,11 @@ impl RowSource<'_> {
             (start + number as f32 * GOLDEN_RATIO).fract()
         };
         debug_assert!(chunk.width.is_power_of_two(), "clouds are powers of four");
+        let first_word = self.hit_words(tile) + chunk.first / FAINT_CLUSTER;
         for cluster in (0..chunk.width).step_by(FAINT_CLUSTER) {
             let count = FAINT_CLUSTER.min(chunk.width);
-            choose_speakers(shares, (cluster, count), faint, &draw, &mut scratch.asked);
+            let hits = scratch.hit_cells[first_word + cluster / FAINT_CLUSTER];
+            choose_speakers(shares, (cluster, count), hits, faint, &draw, &mut scratch.asked);
         }
     }
 
@@ -356,16 +413,12 @@ impl RowSource<'_> {
         rows: &mut [f32],
         scratch: &mut RowScratch,
     ) {
-        scratch.visible.resize(chunk.width, 0.0);
-        scratch.told.resize(chunk.width, 0.0);
         for (number, tile) in tiles.iter().enumerate() {
+            scratch.gather_sight(tiling, chunk, tile.members);
             for &member in tile.members {
                 scratch.see(tiling, chunk, member as usize);
-                let RowScratch { factors, shares, visible, told, .. } = &*scratch;
-                let factors = &factors[chunk.row(member as usize)];
                 let row = &mut rows[member as usize * self.patches.len() + chunk.first..][..chunk.width];
-                let shares = &shares[chunk.row(number)];
-                add_balanced(row, factors, shares, (visible, told), tile.balance());
+                scratch.sight.add_balanced(row, scratch.shares(chunk, number), tile.balance());
             }
         }
     }
@@ -383,50 +436,32 @@ impl RowScratch {
             + self.tiling.near.iter().map(of).sum::<usize>()
             + of(&self.found)
             + of(&self.found_ends)
+            + of(&self.hit_cells)
             + of(&self.asked)
-            + [&self.factors, &self.shares, &self.visible, &self.told].into_iter().map(of).sum::<usize>()
-            + of(&self.seen)
-            + of(&self.ends)
+            + of(&self.askers)
+            + of(&self.asked_ends)
+            + of(&self.hidden)
+            + of(&self.by_cell.order)
+            + of(&self.factors)
+            + of(&self.shares)
+            + self.answers.bytes()
+            + self.sight.bytes()
     }
 
-    /// What the tiles near a point told of a chunk, whose form factors are at hand: visibility of its cells from the point.
+    /// Gathers the cells of a chunk, whose form factors are at hand, that the tiles near a tile's points see.
+    pub(super) fn gather_sight(&mut self, tiling: &Tiling, chunk: Chunk, members: &[u32]) {
+        let first = self.first_answer(tiling, chunk);
+        self.sight.gather(tiling, members, chunk, (&self.answers, first), &self.shares);
+    }
+
+    /// What the tiles near a point told of these cells: visibility from the point.
     pub(super) fn see(&mut self, tiling: &Tiling, chunk: Chunk, member: usize) {
-        let first = self.first_end(tiling, chunk);
-        let Self { factors, shares, seen, ends, visible, told, .. } = self;
-        let factors = &factors[chunk.row(member)];
-        visible.fill(0.0);
-        told.fill(0.0);
-        for &(near, weight) in &tiling.near[member] {
-            let shares = &shares[chunk.row(near as usize)];
-            add_where_asked(told, factors, shares, weight);
-            for &(cell, counts) in seen_by(seen, ends, first + near as usize) {
-                if is_asked(factors[cell as usize], shares[cell as usize]) {
-                    visible[cell as usize] += weight * counts;
-                }
-            }
-        }
+        let first = self.first_answer(tiling, chunk);
+        self.sight.see(&tiling.near[member], (&self.answers, first), &self.factors[chunk.row(member)]);
     }
 
-    /// The cells of a chunk that the tiles near any of a tile's points see, in no order, some more than once.
-    pub(super) fn seen_near<'a>(
-        &'a self,
-        tiling: &'a Tiling,
-        chunk: Chunk,
-        members: &'a [u32],
-    ) -> impl Iterator<Item = u32> + 'a {
-        let mut near: Vec<u32> = members
-            .iter()
-            .flat_map(|&member| tiling.near[member as usize].iter().map(|near| near.0))
-            .collect();
-        near.sort_unstable();
-        near.dedup();
-        let first = self.first_end(tiling, chunk);
-        let look = move |tile: u32| seen_by(&self.seen, &self.ends, first + tile as usize);
-        near.into_iter().flat_map(look).map(|&(cell, _)| cell)
-    }
-
-    /// Where the ends of a chunk's tiles begin.
-    fn first_end(&self, tiling: &Tiling, chunk: Chunk) -> usize {
+    /// Where the answers of a chunk's tiles begin.
+    fn first_answer(&self, tiling: &Tiling, chunk: Chunk) -> usize {
         if self.keep { chunk.number * tiling.tiles.len() } else { 0 }
     }
 
@@ -434,10 +469,6 @@ impl RowScratch {
     pub(super) fn shares(&self, chunk: Chunk, tile: usize) -> &[f32] {
         &self.shares[chunk.row(tile)]
     }
-}
-
-fn seen_by<'a>(seen: &'a [(u32, f32)], ends: &[usize], place: usize) -> &'a [(u32, f32)] {
-    &seen[place.checked_sub(1).map_or(0, |before| ends[before])..ends[place]]
 }
 
 /// `G_p = cos_p cos_x / (pi r^2)` between every point of the tile and a point `x` with a normal; returns their sum.
@@ -473,40 +504,6 @@ fn geometry_factors_of(p: [&[f32]; 3], n: [&[f32]; 3], x: [f32; 3], normal: [f32
 fn add(sums: &mut [f32], values: &[f32]) {
     for (sum, value) in sums.iter_mut().zip(values) {
         *sum += value;
-    }
-}
-
-/// Whether a point with form factor `factor` takes a tile's answer for a cell whose form factors add up to `share` over the
-/// tile. A tile that faces away from the cell has not asked; one that sees it edge-on has asked rarely, and a point would
-/// make much of it.
-fn is_asked(factor: f32, share: f32) -> bool {
-    share >= 0.5 * factor
-}
-
-/// Adds `weight` where [`is_asked`].
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn add_where_asked(sums: &mut [f32], factors: &[f32], shares: &[f32], weight: f32) {
-    let count = sums.len();
-    let (factors, shares) = (&factors[..count], &shares[..count]);
-    for i in 0..count {
-        sums[i] += if is_asked(factors[i], shares[i]) { weight } else { 0.0 };
-    }
-}
-
-/// `row += V f / (m sum f + 1)`, where `V` is a quotient; its divisor is more than 0.
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn add_balanced(
-    row: &mut [f32],
-    factors: &[f32],
-    shares: &[f32],
-    (visible, told): (&[f32], &[f32]),
-    balance: f32,
-) {
-    let count = row.len();
-    let (factors, shares) = (&factors[..count], &shares[..count]);
-    let (visible, told) = (&visible[..count], &told[..count]);
-    for i in 0..count {
-        row[i] += visible[i] * factors[i] / (told[i] * (balance * shares[i] + 1.0));
     }
 }
 

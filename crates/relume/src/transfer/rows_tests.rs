@@ -115,13 +115,11 @@ fn a_penumbra_is_a_ramp_and_not_steps_as_wide_as_tiles() {
 }
 
 #[test]
-fn a_tile_that_faces_away_from_a_cell_says_nothing_of_it() {
-    let (factors, asked, away) = (vec![1e-3; 4], vec![1e-3, 6e-4, 4e-4, 2e-3], vec![0.0; 4]);
-    let mut told = vec![0.0; 4];
-    add_where_asked(&mut told, &factors, &asked, 0.75);
-    add_where_asked(&mut told, &factors, &away, 0.25);
-    assert_eq!(told, [0.75, 0.75, 0.0, 0.75]);
-    let mut row = vec![0.0; 2];
-    add_balanced(&mut row, &factors[..2], &away[..2], (&[0.75, 0.375], &told[..2]), 320.0);
-    assert_eq!(row, [1e-3, 5e-4]);
+fn rays_are_ordered_by_cell_and_then_by_tile() {
+    let asked = [(3, 1.0), (0, 1.0), (3, 2.0), (2, 1.0), (0, 1.0)];
+    let mut by_cell = ByCell::default();
+    by_cell.sort(&asked, 4);
+    assert_eq!(by_cell.order, [1, 4, 3, 0, 2]);
+    by_cell.sort(&asked[..2], 4);
+    assert_eq!(by_cell.order, [1, 0]);
 }

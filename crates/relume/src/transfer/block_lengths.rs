@@ -6,8 +6,11 @@
 //! a lamp lights little that is seen. Such a run is parted into quarters, which are clusters as well, and these again, where what is
 //! lost and what is paid are less together. The paper's clusters (Huang and Ramamoorthi 2010, section 6) are of one size.
 
+use std::ops::Range;
+
 use super::low_rank::LowRankSettings;
 use super::low_rank_encoder::{Draft, Encoded};
+use super::low_rank_run::Run;
 use super::prior::LightPrior;
 
 /// Rows of the shortest blocks that others are parted into: a run of packed weights.
@@ -18,34 +21,40 @@ const PARTS: usize = 4;
 /// more, at four percent fewer bytes; trying all takes longer and gains little.
 const ALIKE: usize = 64;
 
+/// Rows of a run by which what it loses is told, about: of longer ones some rows speak for all.
+const JUDGED: usize = 256;
+
 /// Encodes a run of `rows` rows of weighted coefficients (`X = F W^T D`), row after row, as one block or several.
 pub(super) fn encode(x: &[f32], rows: usize, settings: &LowRankSettings, prior: &LightPrior) -> Vec<Encoded> {
-    let whole = Draft::new(x, rows, settings, prior);
-    let blocks = worth_most(x, rows, whole, settings, prior);
-    blocks.into_iter().map(|(draft, x)| draft.judged(x, prior)).collect()
+    let run = Run::new(x, rows, settings, prior);
+    let whole = Draft::new(&run.part(0..rows), settings);
+    let blocks = worth_most(&run, 0..rows, whole, settings);
+    let (count, step) = (run.count, (rows / JUDGED).max(1));
+    let judged = |(draft, rows): (Draft, Range<usize>)| {
+        draft.judged(&x[rows.start * count..rows.end * count], step, prior)
+    };
+    blocks.into_iter().map(judged).collect()
 }
 
-/// The block `whole` of the rows `x`, or what its parts become if these are worth more; with their rows.
-fn worth_most<'a>(
-    x: &'a [f32],
-    rows: usize,
+/// The block `whole` of the rows `rows` of a run, or what its parts become if these are worth more; with their rows.
+fn worth_most(
+    run: &Run,
+    rows: Range<usize>,
     whole: Draft,
     settings: &LowRankSettings,
-    prior: &LightPrior,
-) -> Vec<(Draft, &'a [f32])> {
-    if rows <= SHORTEST || whole.rank() * ALIKE < rows {
-        return vec![(whole, x)];
+) -> Vec<(Draft, Range<usize>)> {
+    let count = rows.len();
+    if count <= SHORTEST || whole.rank() * ALIKE < count {
+        return vec![(whole, rows)];
     }
-    let count = x.len() / rows;
-    let length = rows.div_ceil(PARTS).next_multiple_of(SHORTEST);
-    let draft = |x: &'a [f32]| (Draft::new(x, x.len() / count, settings, prior), x);
-    let parts: Vec<_> = x.chunks(length * count).map(draft).collect();
+    let length = count.div_ceil(PARTS).next_multiple_of(SHORTEST);
+    let parts = (rows.start..rows.end).step_by(length).map(|first| first..(first + length).min(rows.end));
+    let parts: Vec<_> = parts.map(|rows| (Draft::new(&run.part(rows.clone()), settings), rows)).collect();
     let cost = |draft: &Draft| draft.expected_loss + f64::from(settings.price) * draft.bytes as f64;
     if parts.iter().map(|(part, _)| cost(part)).sum::<f64>() >= cost(&whole) {
-        return vec![(whole, x)];
+        return vec![(whole, rows)];
     }
-    let parts = parts.into_iter();
-    parts.flat_map(|(part, x)| worth_most(x, x.len() / count, part, settings, prior)).collect()
+    parts.into_iter().flat_map(|(part, rows)| worth_most(run, rows, part, settings)).collect()
 }
 
 #[cfg(test)]
@@ -138,7 +147,8 @@ mod tests {
     fn leaves_bring_no_noise_to_the_floor_beside_them() {
         let (rows, prior) = ([floor(FLOOR), leaves()].concat(), prior());
         let x = weighted(&rows);
-        let whole = vec![Draft::new(&x, rows.len(), &SETTINGS, &prior).judged(&x, &prior)];
+        let run = Run::new(&x, rows.len(), &SETTINGS, &prior);
+        let whole = vec![Draft::new(&run.part(0..rows.len()), &SETTINGS).judged(&x, 1, &prior)];
         let parted = encode(&x, rows.len(), &SETTINGS, &prior);
         let lengths: Vec<u32> = parted.iter().map(|block| block.shape.rows).collect();
         let bytes = |blocks: &[Encoded]| LowRank::from_blocks(blocks, COUNT).bytes();

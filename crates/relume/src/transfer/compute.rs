@@ -82,7 +82,7 @@ impl Encoder<'_> {
         settings.price *= dearer;
         if dearer > DEAR {
             // it will not buy as many, and looking at fewer takes less time
-            settings.kept /= 4;
+            settings.kept /= 2;
         }
         Self::LowRank { settings, prior }
     }

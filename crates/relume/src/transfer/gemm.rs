@@ -1,5 +1,7 @@
 //! Matrix products, by a library's kernels that choose their instruction set at run time.
 
+use std::ops::Range;
+
 /// A matrix in a slice: element (i, j) stands at `i * row_stride + j * column_stride`.
 #[derive(Clone, Copy)]
 pub(super) struct View<'a> {
@@ -15,6 +17,33 @@ impl<'a> View<'a> {
     pub(super) fn new(values: &'a [f32], rows: usize, columns: usize) -> Self {
         assert_eq!(values.len(), rows * columns, "a {rows} x {columns} matrix");
         Self { values, rows, columns, row_stride: columns, column_stride: 1 }
+    }
+
+    /// The part where the rows `rows` and the columns `columns` meet.
+    pub(super) fn part(self, rows: Range<usize>, columns: Range<usize>) -> Self {
+        assert!(rows.end <= self.rows && columns.end <= self.columns, "a part of the matrix");
+        if rows.is_empty() || columns.is_empty() {
+            return Self { values: &[], rows: rows.len(), columns: columns.len(), ..self };
+        }
+        let first = rows.start * self.row_stride + columns.start * self.column_stride;
+        Self { values: &self.values[first..], rows: rows.len(), columns: columns.len(), ..self }
+    }
+
+    /// Every `step`th of its rows, from the first on.
+    pub(super) fn every(self, step: usize) -> Self {
+        Self { rows: self.rows.div_ceil(step), row_stride: step * self.row_stride, ..self }
+    }
+
+    pub(super) fn rows(self) -> usize {
+        self.rows
+    }
+
+    pub(super) fn columns(self) -> usize {
+        self.columns
+    }
+
+    pub(super) fn at(self, row: usize, column: usize) -> f32 {
+        self.values[row * self.row_stride + column * self.column_stride]
     }
 
     /// The same values, rows and columns exchanged.
@@ -36,8 +65,8 @@ pub(super) fn product(a: View<'_>, b: View<'_>) -> Vec<f32> {
     if out.is_empty() || a.columns == 0 {
         return out;
     }
-    // SAFETY: `View::new` has checked that every element (i, j) of both operands, transposed or not, lies within its
-    // slice; `out` has a.rows * b.columns elements and is read and written only as such a matrix, row after row.
+    // SAFETY: `View::new` has checked that every element (i, j) of both operands lies within its slice, and what is made of a view has
+    // elements of that view alone; `out` has a.rows * b.columns elements and is read and written only as such a matrix, row after row.
     #[expect(unsafe_code, reason = "the library takes pointers")]
     unsafe {
         matrixmultiply::sgemm(

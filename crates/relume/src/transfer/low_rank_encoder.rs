@@ -13,27 +13,22 @@
 //!
 //! Huang and Ramamoorthi (2010) weigh by nothing and keep a fixed rank; Hasan et al. (2006) weigh by area.
 
-use multiversion::multiversion;
-use nalgebra::{DMatrix, SymmetricEigen};
+use nalgebra::DMatrix;
 
+use super::directions::strongest_directions;
 use super::gemm::{View, product};
 use super::low_rank::{BlockShape, LowRankSettings};
+use super::low_rank_run::{Part, column_energies, rows_of, strongest};
 use super::packed_runs::{RunWriter, runs_of};
 use super::prior::LightPrior;
 
 /// `a`: how far the training lights are trusted about what goes together.
-const LEARNED: f64 = 0.75;
-/// Directions beyond the rank that the search carries along, for accuracy.
-const OVERSAMPLING: usize = 8;
-/// Coefficients that the search looks at beside the most that are kept: half as many again.
-const CANDIDATES: f64 = 1.5;
-/// Training lights from whose responses the search starts, at most.
-const STARTING_LIGHTS: usize = 128;
+pub(super) const LEARNED: f64 = 0.75;
 /// Bytes of a kept coefficient that no direction pays for: its place.
-const PLACE_BYTES: f64 = 2.0;
+pub(super) const PLACE_BYTES: f64 = 2.0;
 /// Bytes of a weight of the weakest direction that is kept, and of one of its coefficients: half a byte and two bits. Half of these and
 /// twice these were as good.
-const WEAKEST: (f64, f64) = (0.5, 0.25);
+pub(super) const WEAKEST: (f64, f64) = (0.5, 0.25);
 /// Steps of quantisation, in units of the root of the price of a byte. A step `s` loses `s^2 / 12` a value, and half of it saves three quarters
 /// of that for a bit: at 1.4 the last bit brings what an eighth of a byte must. From 0.7 to 2 the error at equal bytes is nearly the same.
 const STEP: f64 = 1.4;
@@ -109,33 +104,23 @@ pub(super) struct Draft {
 }
 
 impl Draft {
-    /// Of a block of `rows` rows of weighted coefficients (`X = F W^T D`), row after row.
-    pub(super) fn new(x: &[f32], rows: usize, settings: &LowRankSettings, prior: &LightPrior) -> Self {
-        let count = x.len().checked_div(rows).unwrap_or(0);
-        let energies = column_energies(x, count);
-        let candidates = strongest(&energies, ((CANDIDATES * settings.kept as f64) as usize).min(count));
-        let block = Block {
-            x: compacted(x, count, &candidates),
-            learned: rows_of(&prior.training, prior.lights, candidates.iter().copied()),
-            rows,
-            width: candidates.len(),
-            lights: prior.lights,
-        };
-        let responses = block.responses();
-        let (basis, rank, places) = block.chosen(&responses, settings);
-        let kept = Kept::new(&block, &places);
+    /// Of some of the rows of a run.
+    pub(super) fn new(part: &Part<'_>, settings: &LowRankSettings) -> Self {
+        let (run, rows) = (part.run, part.x.rows());
+        let (basis, rank, places) = chosen(part, settings);
+        let kept = Kept::new(part, &places);
         let basis = View::new(&basis, rank, rows);
         let directions = product(basis, View::new(&kept.x, rows, kept.count));
-        let whole = kept.with_dropped_light(&directions, rank, &product(basis, block.view(&responses)));
+        let whole = kept.with_dropped_light(&directions, rank, &product(basis, part.responses));
         let step = (STEP * f64::from(settings.price).sqrt()) as f32;
         let v = Quantised::of_directions(&whole, kept.count, step);
-        let fit = kept.fit(&responses, &v.values, rank, rows);
+        let fit = kept.fit(part.responses, &v.values, rank);
         let (u, weights) = fit.quantised(f64::from(step));
         let sent =
-            (1.0 - LEARNED) * sum(&energies) + LEARNED / prior.lights.max(1) as f64 * squares(&responses);
+            (1.0 - LEARNED) * part.energy + LEARNED / run.lights.max(1) as f64 * squares(part.responses);
         let encoded = Encoded {
             shape: BlockShape { rows: rows as u32, rank: rank as u32, kept: kept.count as u32 },
-            indices: places.iter().map(|&place| candidates[place as usize]).collect(),
+            indices: places.iter().map(|&place| run.candidates[place as usize]).collect(),
             v: v.runs,
             v_scales: v.scales,
             u: u.runs,
@@ -144,7 +129,7 @@ impl Draft {
             lost: Vec::new(),
         };
         Self {
-            bytes: encoded.bytes(if count > 1 << 16 { 3 } else { 2 }),
+            bytes: encoded.bytes(if run.count > 1 << 16 { 3 } else { 2 }),
             expected_loss: (sent - fit.told(&weights)).max(0.0),
             encoded,
             directions: v.values,
@@ -157,30 +142,29 @@ impl Draft {
         self.encoded.shape.rank as usize
     }
 
-    /// With what the lights that nothing was learned from send to the rows `x`, and what is missed of it.
-    pub(super) fn judged(self, x: &[f32], prior: &LightPrior) -> Encoded {
+    /// With what the lights that nothing was learned from send to the rows `x`, and what is missed of it, as every `step`th row tells.
+    pub(super) fn judged(self, x: &[f32], step: usize, prior: &LightPrior) -> Encoded {
         let BlockShape { rows, rank, kept } = self.encoded.shape;
         let (rows, rank, kept, lights) = (rows as usize, rank as usize, kept as usize, prior.held_lights);
         let held = rows_of(&prior.held, lights, self.encoded.indices.iter().copied());
         let sent = product(View::new(&self.directions, rank, kept), View::new(&held, kept, lights));
-        let told = product(View::new(&self.weights, rows, rank), View::new(&sent, rank, lights));
+        let weights = View::new(&self.weights, rows, rank).every(step);
+        let told = product(weights, View::new(&sent, rank, lights));
         let count = x.len().checked_div(rows).unwrap_or(0);
-        let truth = product(View::new(x, rows, count), View::new(&prior.held, count, lights));
+        let truth = product(View::new(x, rows, count).every(step), View::new(&prior.held, count, lights));
         let missed: Vec<f32> = truth.iter().zip(&told).map(|(truth, told)| truth - told).collect();
+        let stands_for = rows as f64 / weights.rows().max(1) as f64;
         let [energy, lost] = [&truth, &missed].map(|values| {
             let energies = column_energies(values, lights);
-            energies.into_iter().map(f64::from).collect()
+            energies.into_iter().map(|energy| stands_for * f64::from(energy)).collect()
         });
         Encoded { energy, lost, ..self.encoded }
     }
 }
 
-fn sum(values: &[f32]) -> f64 {
-    values.iter().map(|&value| f64::from(value)).sum()
-}
-
-fn squares(values: &[f32]) -> f64 {
-    values.iter().map(|&value| f64::from(value).powi(2)).sum()
+fn squares(values: View<'_>) -> f64 {
+    let row = |row| (0..values.columns()).map(move |column| f64::from(values.at(row, column)).powi(2));
+    (0..values.rows()).flat_map(row).sum()
 }
 
 /// `rows` rows of zeros.
@@ -197,159 +181,33 @@ pub(super) fn nothing(rows: usize, prior: &LightPrior) -> Encoded {
     }
 }
 
-/// The rows `which` of a matrix of `columns` columns.
-fn rows_of(values: &[f32], columns: usize, which: impl Iterator<Item = u32>) -> Vec<f32> {
-    let mut picked = Vec::new();
-    for row in which {
-        picked.extend_from_slice(&values[row as usize * columns..(row as usize + 1) * columns]);
-    }
-    picked
-}
-
-/// A block cut to the coefficients that the search looks at.
-struct Block {
-    /// `X`, `rows x width`.
-    x: Vec<f32>,
-    /// `C`, `width x lights`.
-    learned: Vec<f32>,
-    rows: usize,
-    width: usize,
-    lights: usize,
-}
-
-impl Block {
-    /// `X C`: what training lights send to the rows, `rows x lights`.
-    fn responses(&self) -> Vec<f32> {
-        product(View::new(&self.x, self.rows, self.width), View::new(&self.learned, self.width, self.lights))
-    }
-
-    fn view<'a>(&self, responses: &'a [f32]) -> View<'a> {
-        View::new(responses, self.rows, self.lights)
-    }
-
-    /// The left singular vectors of the directions to keep, how many, and which of the coefficients.
-    fn chosen(&self, responses: &[f32], settings: &LowRankSettings) -> (Vec<f32>, usize, Vec<u32>) {
-        let price = f64::from(settings.price);
-        let worth = |gains: &[f64], kept: usize| {
-            let cost = WEAKEST.0 * self.rows as f64 + WEAKEST.1 * kept as f64;
-            gains.iter().take_while(|&&gain| gain > price * cost).count()
-        };
-        let (basis, gains) = self.strongest_directions(responses, settings.rank, price);
-        let known = gains.len();
-        let directions =
-            product(View::new(&basis, known, self.rows), View::new(&self.x, self.rows, self.width));
-        let places = |rank: usize| {
-            let importance = column_energies(&directions[..rank * self.width], self.width);
-            let mut places = strongest(&importance, settings.kept.min(self.width));
-            let cost = price * (WEAKEST.1 * rank as f64 + PLACE_BYTES);
-            places.retain(|&place| f64::from(importance[place as usize]) > cost);
-            places
-                .sort_by(|&a, &b| importance[b as usize].total_cmp(&importance[a as usize]).then(a.cmp(&b)));
-            places
-        };
-        // what a direction costs depends on how many coefficients are kept, and these on how many directions
-        let kept = places(worth(&gains, 0)).len();
-        let rank = worth(&gains, kept);
-        let places = places(rank);
-        // directions without coefficients say nothing
-        let rank = if places.is_empty() { 0 } else { rank };
-        (basis[..rank * self.rows].to_vec(), rank, places)
-    }
-
-    /// The up to `most` strongest left singular vectors of `X S^(1/2)` that may be worth their price, one after the other,
-    /// and their squared singular values: by subspace iteration, with ever more directions until the last is worth too little.
-    fn strongest_directions(&self, responses: &[f32], most: usize, price: f64) -> (Vec<f32>, Vec<f64>) {
-        let (rows, columns) = (self.rows, self.width + self.lights);
-        let (alone, together) = ((1.0 - LEARNED).sqrt() as f32, (LEARNED / self.lights as f64).sqrt() as f32);
-        let mut expected = Vec::with_capacity(rows * columns);
-        for (row, responses) in self.x.chunks_exact(self.width).zip(responses.chunks_exact(self.lights)) {
-            expected.extend(row.iter().map(|value| value * alone));
-            expected.extend(responses.iter().map(|value| value * together));
-        }
-        let expected = View::new(&expected, rows, columns);
-        let least = price * WEAKEST.0 * rows as f64;
-        let start = Start::new(responses, self.lights);
-        let widest = (most + OVERSAMPLING).min(rows);
-        let mut width = (3 * start.worth(least) / 2 + OVERSAMPLING).min(widest);
-        loop {
-            let (vectors, gains) = subspace(expected, &start.directions(rows, width), rows, width);
-            let rank = most.min(width);
-            if width == widest || gains[rank - 1] < least {
-                return (vectors[..rank * rows].to_vec(), gains[..rank].to_vec());
-            }
-            width = (2 * width).min(widest);
-        }
-    }
-}
-
-/// What the search for directions starts from: the responses to some of the training lights, which are in no order.
-struct Start {
-    /// `rows x lights`.
-    responses: Vec<f32>,
-    lights: usize,
-    /// Right singular vectors of the responses, one after the other, the strongest first.
-    turned: Vec<f32>,
-    /// Their squared singular values.
-    energies: Vec<f64>,
-}
-
-impl Start {
-    /// `responses` are those to all `lights`.
-    fn new(responses: &[f32], lights: usize) -> Self {
-        let stride = lights.div_ceil(STARTING_LIGHTS).max(1);
-        let some: Vec<f32> = responses
-            .chunks_exact(lights.max(1))
-            .flat_map(|row| row.iter().step_by(stride).copied())
-            .collect();
-        let lights = lights.div_ceil(stride);
-        let view = View::new(&some, some.len() / lights.max(1), lights);
-        let (turned, energies) = eigenvectors(&product(view.transposed(), view), lights);
-        Self { responses: some, lights, turned, energies }
-    }
-
-    /// How many directions bring more than `least` under the lights alone.
-    fn worth(&self, least: f64) -> usize {
-        self.energies.iter().take_while(|&&energy| LEARNED / self.lights as f64 * energy > least).count()
-    }
-
-    /// `width` directions, `rows x width`: the strongest of the responses, and where these are too few, evenly spaced rows.
-    fn directions(&self, rows: usize, width: usize) -> Vec<f32> {
-        let known = width.min(self.lights).div_ceil(2);
-        let turned = View::new(&self.turned[..known * self.lights], known, self.lights);
-        let strongest = product(View::new(&self.responses, rows, self.lights), turned.transposed());
-        let mut start = vec![0.0; rows * width];
-        for (row, strongest) in start.chunks_exact_mut(width).zip(strongest.chunks_exact(known)) {
-            row[..known].copy_from_slice(strongest);
-        }
-        for column in known..width {
-            start[((column - known) * rows / (width - known)) * width + column] = 1.0;
-        }
-        start
-    }
-}
-
-/// The left singular vectors of `x` after a step of subspace iteration from `start` (`rows x width`), one after the other, the
-/// strongest first, and their squared singular values.
-fn subspace(x: View<'_>, start: &[f32], rows: usize, width: usize) -> (Vec<f32>, Vec<f64>) {
-    let across = product(x.transposed(), View::new(start, rows, width));
-    let columns = across.len() / width;
-    let basis = orthonormalised(&product(x, View::new(&across, columns, width)), rows, width);
-    let across = product(View::new(&basis, rows, width).transposed(), x);
-    let across = View::new(&across, width, columns);
-    let (turned, energies) = eigenvectors(&product(across, across.transposed()), width);
-    let turned = View::new(&turned, width, width);
-    (product(turned, View::new(&basis, rows, width).transposed()), energies)
-}
-
-/// The eigenvectors of a symmetric matrix, one after the other, and their eigenvalues, the largest first.
-fn eigenvectors(matrix: &[f32], size: usize) -> (Vec<f32>, Vec<f64>) {
-    let eigen = SymmetricEigen::new(DMatrix::from_fn(size, size, |i, j| f64::from(matrix[i * size + j])));
-    let mut order: Vec<usize> = (0..size).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-    let vectors = order
-        .iter()
-        .flat_map(|&k| eigen.eigenvectors.column(k).iter().map(|&v| v as f32).collect::<Vec<_>>());
-    (vectors.collect(), order.iter().map(|&k| eigen.eigenvalues[k]).collect())
+/// The directions to keep of some rows, one after the other, how many, and which of the coefficients.
+fn chosen(part: &Part<'_>, settings: &LowRankSettings) -> (Vec<f32>, usize, Vec<u32>) {
+    let (rows, width) = (part.x.rows(), part.x.columns());
+    let price = f64::from(settings.price);
+    let worth = |gains: &[f64], kept: usize| {
+        let cost = WEAKEST.0 * rows as f64 + WEAKEST.1 * kept as f64;
+        // rounding may leave the least of them below zero
+        gains.iter().take_while(|gain| gain.max(0.0) >= price * cost).count()
+    };
+    let (basis, gains) = strongest_directions(part, settings.rank, price * WEAKEST.0 * rows as f64);
+    // what a direction costs depends on how many coefficients are kept, and these on how many directions
+    let known = worth(&gains, 0);
+    let directions = product(View::new(&basis[..known * rows], known, rows), part.x);
+    let places = |rank: usize| {
+        let importance = column_energies(&directions[..rank * width], width);
+        let mut places = strongest(&importance, settings.kept.min(width));
+        let cost = price * (WEAKEST.1 * rank as f64 + PLACE_BYTES);
+        places.retain(|&place| f64::from(importance[place as usize]) > cost);
+        places.sort_by(|&a, &b| importance[b as usize].total_cmp(&importance[a as usize]).then(a.cmp(&b)));
+        places
+    };
+    let kept = places(known).len();
+    let rank = worth(&gains, kept);
+    let places = places(rank);
+    // directions without coefficients say nothing
+    let rank = if places.is_empty() { 0 } else { rank };
+    (basis[..rank * rows].to_vec(), rank, places)
 }
 
 /// A block cut to the coefficients that are kept.
@@ -363,14 +221,14 @@ struct Kept {
 }
 
 impl Kept {
-    /// `places` are columns of the block.
-    fn new(block: &Block, places: &[u32]) -> Self {
-        let rows = block.x.chunks_exact(block.width.max(1));
+    /// `places` are columns of the run.
+    fn new(part: &Part<'_>, places: &[u32]) -> Self {
+        let rows = 0..part.x.rows();
         Self {
-            x: rows.flat_map(|row| places.iter().map(|&place| row[place as usize])).collect(),
-            learned: rows_of(&block.learned, block.lights, places.iter().copied()),
+            x: rows.flat_map(|row| places.iter().map(move |&place| part.x.at(row, place as usize))).collect(),
+            learned: rows_of(&part.run.learned, part.run.lights, places.iter().copied()),
             count: places.len(),
-            lights: block.lights,
+            lights: part.run.lights,
         }
     }
 
@@ -402,11 +260,11 @@ impl Kept {
     }
 
     /// What the weights of the rows on the directions `v` are to be fitted to.
-    fn fit(&self, responses: &[f32], v: &[f32], rank: usize, rows: usize) -> Fit {
+    fn fit(&self, responses: View<'_>, v: &[f32], rank: usize) -> Fit {
+        let rows = responses.rows();
         let (x, v) = (View::new(&self.x, rows, self.count), View::new(v, rank, self.count));
         let sent = product(v, self.learned());
-        let (responses, sent) =
-            (View::new(responses, rows, self.lights), View::new(&sent, rank, self.lights));
+        let sent = View::new(&sent, rank, self.lights);
         let mixed = |alone: Vec<f32>, together: Vec<f32>, rows: usize| {
             DMatrix::from_fn(rows, rank, |i, j| {
                 let at = i * rank + j;
@@ -421,58 +279,6 @@ impl Kept {
             square: mixed(product(v, v.transposed()), product(sent, sent.transposed()), rank),
         }
     }
-}
-
-fn column_energies(x: &[f32], count: usize) -> Vec<f32> {
-    let mut energies = vec![0.0; count];
-    for row in x.chunks_exact(count.max(1)) {
-        add_squares(&mut energies, row);
-    }
-    energies
-}
-
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn add_squares(sums: &mut [f32], values: &[f32]) {
-    for (sum, value) in sums.iter_mut().zip(values) {
-        *sum += value * value;
-    }
-}
-
-/// The numbers of the `count` largest entries, ascending; ties go to the smaller number.
-fn strongest(values: &[f32], count: usize) -> Vec<u32> {
-    let mut order: Vec<u32> = (0..values.len() as u32).collect();
-    if count < order.len() {
-        order.select_nth_unstable_by(count, |&a, &b| {
-            values[b as usize].total_cmp(&values[a as usize]).then(a.cmp(&b))
-        });
-        order.truncate(count);
-    }
-    order.sort_unstable();
-    order
-}
-
-/// The columns `candidates` of `x`.
-fn compacted(x: &[f32], count: usize, candidates: &[u32]) -> Vec<f32> {
-    let mut compact = Vec::with_capacity(x.len() / count.max(1) * candidates.len());
-    for row in x.chunks_exact(count.max(1)) {
-        compact.extend(candidates.iter().map(|&column| row[column as usize]));
-    }
-    compact
-}
-
-/// An orthonormal basis of the columns of a `rows x width` matrix, by two rounds of Cholesky QR in double precision: those of a
-/// power iteration are nearly parallel.
-fn orthonormalised(values: &[f32], rows: usize, width: usize) -> Vec<f32> {
-    let mut matrix = DMatrix::from_fn(rows, width, |i, j| f64::from(values[i * width + j]));
-    for _ in 0..2 {
-        let mut square = matrix.tr_mul(&matrix);
-        let ridge = 1e-14 * square.trace() + 1e-300;
-        (0..width).for_each(|i| square[(i, i)] += ridge);
-        let inverse = square.cholesky().and_then(|factor| factor.l().try_inverse());
-        let Some(inverse) = inverse else { break };
-        matrix *= inverse.transpose();
-    }
-    (0..rows * width).map(|k| matrix[(k / width, k % width)] as f32).collect()
 }
 
 /// Rows of values in equal steps, and the values that these stand for.

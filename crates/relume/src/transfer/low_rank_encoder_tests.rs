@@ -4,14 +4,17 @@ use super::*;
 use crate::trace::sampling::{hash, unit};
 use crate::transfer::Coefficients;
 use crate::transfer::EncodingError;
+use crate::transfer::directions::{STARTING_LIGHTS, eigenvectors};
 use crate::transfer::haar;
 use crate::transfer::low_rank::LowRank;
+use crate::transfer::low_rank_run::Run;
 use crate::transfer::packed_runs::PackedRuns;
 use crate::transfer::{Matrix, Operator};
 
 /// As one block.
 fn encode(x: &[f32], rows: usize, settings: &LowRankSettings, prior: &LightPrior) -> Encoded {
-    Draft::new(x, rows, settings, prior).judged(x, prior)
+    let run = Run::new(x, rows, settings, prior);
+    Draft::new(&run.part(0..rows), settings).judged(x, 1, prior)
 }
 
 const COUNT: usize = 256;
@@ -141,20 +144,6 @@ fn a_block_that_sees_nothing_costs_nothing() {
     assert!(out.iter().all(|&rgb| rgb == Vec3::ZERO));
 }
 
-#[test]
-fn orthonormal_bases_of_nearly_parallel_columns_are_orthonormal() {
-    let width = 6;
-    let values: Vec<f32> =
-        (0..ROWS * width).map(|i| 1.0 + 1e-3 * unit(hash((i % width) as u32, (i / width) as u32))).collect();
-    let basis = orthonormalised(&values, ROWS, width);
-    for a in 0..width {
-        for b in 0..width {
-            let dot: f32 = (0..ROWS).map(|row| basis[row * width + a] * basis[row * width + b]).sum();
-            assert!((dot - f32::from(u8::from(a == b))).abs() < 1e-5, "{a} {b}: {dot}");
-        }
-    }
-}
-
 /// A lone row whose light is worth a direction but none of its coefficients their places.
 #[test]
 fn directions_without_coefficients_are_dropped() {
@@ -178,19 +167,18 @@ fn a_search_that_starts_from_some_of_many_lights_finds_the_strongest_directions(
     const MOST: usize = 12;
     let lights = 3 * STARTING_LIGHTS + 5;
     let x: Vec<f32> = rows().chunks_exact(COUNT).flat_map(|row| coefficients(row.to_vec())).collect();
-    let block = Block { x, learned: columns_of(&lamps(0, lights as u32)), rows: ROWS, width: COUNT, lights };
-    let responses = block.responses();
-    assert!(Start::new(&responses, lights).lights < STARTING_LIGHTS);
-    let (_, gains) = block.strongest_directions(&responses, MOST, 0.0);
-    let own = View::new(&block.x, ROWS, COUNT);
-    let own = product(own, own.transposed());
-    let together = product(block.view(&responses), block.view(&responses).transposed());
+    let run = Run::new(&x, ROWS, &ALL, &prior(&lamps(0, lights as u32)));
+    let part = run.part(0..ROWS);
+    let (_, gains) = strongest_directions(&part, MOST, 0.0);
+    let own = product(part.x, part.x.transposed());
+    let together = product(part.responses, part.responses.transposed());
     let expected: Vec<f32> = own
         .iter()
         .zip(&together)
         .map(|(own, together)| (1.0 - LEARNED) as f32 * own + (LEARNED / lights as f64) as f32 * together)
         .collect();
-    let (_, energies) = eigenvectors(&expected, ROWS);
+    let expected = DMatrix::from_fn(ROWS, ROWS, |i, j| f64::from(expected[i * ROWS + j]));
+    let (_, energies) = eigenvectors(expected);
     let (found, best) = (gains.iter().sum::<f64>(), energies[..MOST].iter().sum::<f64>());
     assert!(found > 0.999 * best && found < 1.001 * best, "{found} of {best}");
     let without_last = energies[..MOST - 1].iter().sum::<f64>();

@@ -52,10 +52,12 @@ impl BlockNeeds {
     pub(super) fn of_low_rank(rows: usize, count: usize, settings: &LowRankSettings, lights: usize) -> Self {
         let candidates = (3 * settings.kept / 2).min(count);
         let width = (settings.rank + 8).min(rows);
-        // the block cut to the candidates, the same with responses, what was learned of them; directions across, twice; the basis, in double precision
-        let values = 2 * rows * (candidates + lights)
-            + candidates * lights
-            + 2 * width * (candidates + lights)
+        // the block cut to the candidates, and to those that are kept, and its responses; what was learned of both; how rows go together; directions;
+        // the basis, in double precision
+        let values = rows * (candidates + settings.kept + lights)
+            + 2 * candidates * lights
+            + rows * rows
+            + width * candidates
             + 8 * width * (rows + width);
         let base = Self::of_rows(rows, count);
         Self { encoder: base.encoder + (values * size_of::<f32>()) as u64, ..base }

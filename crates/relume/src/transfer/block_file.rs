@@ -25,6 +25,8 @@ use super::{FORMAT_VERSION, Settings};
 use crate::atomic::builder as temporary_file;
 use crate::{Error, Result};
 
+/// To be raised whenever the same settings give other blocks, so that none are mixed.
+const MADE: u32 = 2;
 const MAGIC: &[u8; 8] = b"relumebl";
 const PLACE: usize = 13;
 const RECORD: usize = PLACE + 8;
@@ -54,6 +56,8 @@ impl Shard {
 pub struct BlocksOf {
     program: String,
     format: u32,
+    /// How blocks are made: [`MADE`].
+    made: u32,
     /// What kernels were chosen by: others round differently.
     processor: String,
     /// What is prepared.
@@ -89,6 +93,7 @@ impl BlocksOf {
         Self {
             program: env!("CARGO_PKG_VERSION").to_owned(),
             format: FORMAT_VERSION,
+            made: MADE,
             processor: processor(),
             settings,
             scene_hash,

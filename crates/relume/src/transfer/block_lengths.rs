@@ -21,7 +21,8 @@ const PARTS: usize = 4;
 /// more, at four percent fewer bytes; trying all takes longer and gains little.
 const ALIKE: usize = 64;
 
-/// Rows of a run by which what it loses is told, about: of longer ones some rows speak for all.
+/// Longest run of which all rows tell what is lost. Of longer ones one in three does: rows follow each other as the leaves of a tree with four
+/// branches, and an odd step is not always on the same side of them.
 const JUDGED: usize = 256;
 
 /// Encodes a run of `rows` rows of weighted coefficients (`X = F W^T D`), row after row, as one block or several.
@@ -29,7 +30,7 @@ pub(super) fn encode(x: &[f32], rows: usize, settings: &LowRankSettings, prior: 
     let run = Run::new(x, rows, settings, prior);
     let whole = Draft::new(&run.part(0..rows), settings);
     let blocks = worth_most(&run, 0..rows, whole, settings);
-    let (count, step) = (run.count, (rows / JUDGED).max(1));
+    let (count, step) = (run.count, if rows > JUDGED { 3 } else { 1 });
     let judged = |(draft, rows): (Draft, Range<usize>)| {
         draft.judged(&x[rows.start * count..rows.end * count], step, prior)
     };

@@ -1,10 +1,9 @@
 //! The strongest directions of a block: eigenvectors of `X S X^T` by subspace iteration, as many as may be worth their bytes.
 
-use nalgebra::{DMatrix, SymmetricEigen};
+use nalgebra::{DMatrix, DMatrixView, SymmetricEigen};
 
 use super::gemm::View;
-use super::low_rank_encoder::LEARNED;
-use super::low_rank_run::Part;
+use super::low_rank_run::{LEARNED, Part};
 
 /// Directions beyond the rank that the search carries along, for accuracy.
 const OVERSAMPLING: usize = 8;
@@ -19,7 +18,7 @@ pub(super) fn strongest_directions(part: &Part<'_>, most: usize, least: f64) -> 
     let widest = (most + OVERSAMPLING).min(rows);
     let mut width = (3 * start.worth(least) / 2 + OVERSAMPLING).min(widest);
     loop {
-        let (vectors, gains) = subspace(&covariance, &start.directions(width));
+        let (vectors, gains) = subspace(covariance, &start.directions(width));
         let rank = most.min(width);
         if width == widest || gains[rank - 1] < least {
             return (vectors[..rank * rows].to_vec(), gains[..rank].to_vec());
@@ -70,7 +69,7 @@ impl Start {
 
 /// The eigenvectors of a positive matrix within what a step of subspace iteration makes of the columns of `start`, one after the other, the
 /// strongest first, and their eigenvalues.
-fn subspace(matrix: &DMatrix<f64>, start: &DMatrix<f64>) -> (Vec<f32>, Vec<f64>) {
+fn subspace(matrix: DMatrixView<'_, f64>, start: &DMatrix<f64>) -> (Vec<f32>, Vec<f64>) {
     let basis = orthonormalised(matrix * start);
     let (turned, energies) = eigenvectors(basis.transpose() * (matrix * &basis));
     // the columns of a matrix lie one after the other

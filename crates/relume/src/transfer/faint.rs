@@ -19,6 +19,7 @@ pub(super) fn choose_speakers(
     draw: &impl Fn(usize) -> f32,
     chosen: &mut Vec<(u32, f32)>,
 ) {
+    debug_assert!(count.is_power_of_two() && count.trailing_zeros() % 2 == 0, "{count} is no power of four");
     let cluster = &shares[first..first + count];
     let total: f32 = cluster.iter().sum();
     if total < NOTHING {

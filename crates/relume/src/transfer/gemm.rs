@@ -107,4 +107,28 @@ mod tests {
         let ba = product(View::new(&b, 3, 2).transposed(), View::new(&a, 2, 3).transposed());
         assert_eq!(ba[1], ab[2], "(A B)^T = B^T A^T");
     }
+
+    #[test]
+    fn parts_of_a_matrix_are_matrices() {
+        let a: Vec<f32> = (0..20).map(|i| i as f32).collect(); // 5 x 4
+        let one = [1.0];
+        let values = |view: View<'_>| -> Vec<f32> {
+            (0..view.rows()).flat_map(|i| (0..view.columns()).map(move |j| view.at(i, j))).collect()
+        };
+        let view = View::new(&a, 5, 4);
+        let part = view.part(1..3, 2..4);
+        assert_eq!(values(part), [6.0, 7.0, 10.0, 11.0]);
+        assert_eq!(values(part.transposed()), [6.0, 10.0, 7.0, 11.0]);
+        assert_eq!(values(view.transposed().part(2..4, 1..3)), values(part.transposed()));
+        assert_eq!(values(view.part(0..5, 3..4).every(2)), [3.0, 11.0, 19.0]);
+        assert_eq!(product(view.part(1..5, 3..4).every(3), View::new(&one, 1, 1)), [7.0, 19.0]);
+        assert!(product(view.part(2..2, 0..4), view.transposed()).is_empty());
+        assert_eq!(product(view.part(0..2, 4..4), View::new(&[], 0, 3)), [0.0; 6]);
+    }
+
+    #[test]
+    #[should_panic(expected = "a part of the matrix")]
+    fn what_is_not_within_a_matrix_is_no_part_of_it() {
+        View::new(&[0.0; 6], 2, 3).part(0..3, 0..3);
+    }
 }

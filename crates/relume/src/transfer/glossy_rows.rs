@@ -172,13 +172,8 @@ impl RowSource<'_> {
         for (&member, responses) in shiny.tile.members.iter().zip(responses) {
             scratch.see(tiling, chunk, member as usize);
             let row = &mut rows[member as usize * self.patches.len() + chunk.first..][..chunk.width];
-            let seen = scratch.sight.visible.iter().zip(&scratch.sight.told);
-            for (((&cell, response), expected), (visible, told)) in
-                scratch.sight.cells.iter().zip(responses).zip(&expected).zip(seen)
-            {
-                if *visible > 0.0 {
-                    row[cell as usize] += visible / told * response / (BALANCE * expected + 1.0);
-                }
+            for (place, cell, visible) in scratch.sight.seen() {
+                row[cell] += visible * responses[place] / (BALANCE * expected[place] + 1.0);
             }
         }
     }

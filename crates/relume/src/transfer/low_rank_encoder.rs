@@ -18,17 +18,10 @@ use nalgebra::DMatrix;
 use super::directions::strongest_directions;
 use super::gemm::{View, product};
 use super::low_rank::{BlockShape, LowRankSettings};
-use super::low_rank_run::{Part, column_energies, rows_of, strongest};
+use super::low_rank_run::{LEARNED, PLACE_BYTES, Part, WEAKEST, column_energies, rows_of, strongest};
 use super::packed_runs::{RunWriter, runs_of};
 use super::prior::LightPrior;
 
-/// `a`: how far the training lights are trusted about what goes together.
-pub(super) const LEARNED: f64 = 0.75;
-/// Bytes of a kept coefficient that no direction pays for: its place.
-pub(super) const PLACE_BYTES: f64 = 2.0;
-/// Bytes of a weight of the weakest direction that is kept, and of one of its coefficients: half a byte and two bits. Half of these and
-/// twice these were as good.
-pub(super) const WEAKEST: (f64, f64) = (0.5, 0.25);
 /// Steps of quantisation, in units of the root of the price of a byte. A step `s` loses `s^2 / 12` a value, and half of it saves three quarters
 /// of that for a bit: at 1.4 the last bit brings what an eighth of a byte must. From 0.7 to 2 the error at equal bytes is nearly the same.
 const STEP: f64 = 1.4;

@@ -7,13 +7,19 @@
 use std::ops::Range;
 
 use multiversion::multiversion;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DMatrixView};
 
 use super::gemm::{View, product};
 use super::low_rank::LowRankSettings;
-use super::low_rank_encoder::{LEARNED, PLACE_BYTES, WEAKEST};
 use super::prior::LightPrior;
 
+/// `a`: how far the training lights are trusted about what goes together.
+pub(super) const LEARNED: f64 = 0.75;
+/// Bytes of a kept coefficient that no direction pays for: its place.
+pub(super) const PLACE_BYTES: f64 = 2.0;
+/// Bytes of a weight of the weakest direction that is kept, and of one of its coefficients: half a byte and two bits. Half of these and
+/// twice these were as good.
+pub(super) const WEAKEST: (f64, f64) = (0.5, 0.25);
 /// Coefficients that the search looks at beside the most that are kept: half as many again.
 const CANDIDATES: f64 = 1.5;
 /// The search does not look at coefficients of which all rows together have so small a part of what one must bring to be kept. At 1 the
@@ -36,7 +42,7 @@ pub(super) struct Run {
     /// `X C`: what training lights send to the rows, `rows x lights`.
     responses: Vec<f32>,
     /// `X S X^T`, `rows x rows`.
-    covariance: Vec<f64>,
+    covariance: DMatrix<f64>,
     /// The squared norm of each row, with what is not among the candidates.
     energies: Vec<f64>,
     rows: usize,
@@ -91,14 +97,14 @@ impl Run {
 
 impl Part<'_> {
     /// `X S X^T`.
-    pub(super) fn covariance(&self) -> DMatrix<f64> {
-        let ((first, count), all) = (self.rows, self.run.rows);
-        DMatrix::from_fn(count, count, |i, j| self.run.covariance[(first + i) * all + first + j])
+    pub(super) fn covariance(&self) -> DMatrixView<'_, f64> {
+        let (first, count) = self.rows;
+        self.run.covariance.view((first, first), (count, count))
     }
 }
 
 /// `X S X^T`, from `X` and `X C`.
-fn covariance(x: View<'_>, responses: View<'_>) -> Vec<f64> {
+fn covariance(x: View<'_>, responses: View<'_>) -> DMatrix<f64> {
     let rows = x.rows();
     let mut sums = vec![0.0; rows * rows];
     for (values, weight) in [(x, 1.0 - LEARNED), (responses, LEARNED / responses.columns().max(1) as f64)] {
@@ -107,12 +113,10 @@ fn covariance(x: View<'_>, responses: View<'_>) -> Vec<f64> {
             add_squared(values.part(0..rows, columns), weight, &mut sums);
         }
     }
-    for row in 0..rows {
-        for column in 0..row {
-            sums[column * rows + row] = sums[row * rows + column];
-        }
-    }
-    sums
+    // row after row and below the diagonal, which is column after column and above it
+    let mut all = DMatrix::from_vec(rows, rows, sums);
+    all.fill_lower_triangle_with_upper_triangle();
+    all
 }
 
 /// Adds `weight` times the product of a matrix with itself, transposed, below the diagonal.

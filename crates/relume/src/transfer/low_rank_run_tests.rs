@@ -72,3 +72,18 @@ fn coefficients_that_no_direction_can_pay_for_are_not_looked_at() {
     assert_eq!(candidates(1e-6).len(), COUNT);
     assert!(candidates(1e3).is_empty());
 }
+
+#[test]
+fn products_add_up_over_more_columns_than_are_summed_at_once() {
+    let (rows, columns) = (3, SUMMED + 100);
+    let (x, responses) = (numbers(rows * columns, 4), numbers(rows * 2, 5));
+    let told = covariance(View::new(&x, rows, columns), View::new(&responses, rows, 2));
+    let product = |values: &[f32], width: usize, i: usize, j: usize| -> f64 {
+        (0..width).map(|k| f64::from(values[i * width + k]) * f64::from(values[j * width + k])).sum()
+    };
+    for (i, j) in [(0, 0), (2, 1), (1, 2)] {
+        let expected =
+            (1.0 - LEARNED) * product(&x, columns, i, j) + LEARNED / 2.0 * product(&responses, 2, i, j);
+        assert!((told[(i, j)] - expected).abs() < 1e-5, "{i}, {j}: {} {expected}", told[(i, j)]);
+    }
+}

@@ -4,6 +4,7 @@
 
 use super::effort::{bounce_block, receiver_block};
 use super::low_rank::LowRankSettings;
+use super::rows::CHUNK;
 use super::{Encoding, Multibounce, Settings};
 use crate::scene::Scene;
 
@@ -32,6 +33,11 @@ const RECEIVERS: f64 = 1.15;
 /// measured.
 const SCRATCH: f64 = 0.15;
 
+/// Of an entry of a row while its chunk of cells is looked at: form factors, and the rays that ask for it.
+const AN_ENTRY_AT_HAND: u64 = 16;
+/// Of the directions and weights of a block, how many times as much there is while it and its parts are tried.
+const BLOCKS_AT_ONCE: usize = 3;
+
 /// What making one block of rows takes, bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct BlockNeeds {
@@ -45,19 +51,23 @@ impl BlockNeeds {
     /// For blocks of up to `rows` rows of `count` entries, stored by their own coefficients.
     pub(super) fn of_rows(rows: usize, count: usize) -> Self {
         let entries = (rows * count * size_of::<f32>()) as f64;
-        Self { rows: (entries * (1.0 + SCRATCH)) as u64, encoder: (count * 32) as u64 }
+        let looked_at = AN_ENTRY_AT_HAND * (rows * CHUNK.min(count)) as u64;
+        Self { rows: (entries * (1.0 + SCRATCH)) as u64 + looked_at, encoder: (count * 32) as u64 }
     }
 
     /// The same, stored as [`Encoding::LowRank`], with what `lights` training lights teach.
     pub(super) fn of_low_rank(rows: usize, count: usize, settings: &LowRankSettings, lights: usize) -> Self {
         let candidates = (3 * settings.kept / 2).min(count);
         let width = (settings.rank + 8).min(rows);
-        // the block cut to the candidates, and to those that are kept, and its responses; what was learned of both; how rows go together; directions;
-        // the basis, in double precision
-        let values = rows * (candidates + settings.kept + lights)
+        let (kept, weights) = (settings.kept.min(count), settings.rank.min(rows) * rows);
+        // the run cut to the candidates, and a block of it to those that are kept, with their responses; what was learned of both; how rows go
+        // together, in double precision, and a part of that product; directions along all candidates, and along those that are kept: one block's as
+        // they are made and as they are quantised, and those of what it may be parted into; bases, in double precision
+        let values = rows * (candidates + kept + lights)
             + 2 * candidates * lights
-            + rows * rows
+            + 3 * rows * rows
             + width * candidates
+            + BLOCKS_AT_ONCE * (width * kept + weights)
             + 8 * width * (rows + width);
         let base = Self::of_rows(rows, count);
         Self { encoder: base.encoder + (values * size_of::<f32>()) as u64, ..base }

@@ -9,7 +9,7 @@
 //! - *Form factors.* Every cell's own, `f_p = G_p A`, adds `V_p f_p (1 - w)`. Each tile asks for the visibility of each cell once, by a
 //!   ray from a random point of the tile to a random point of the cell; `V_p` is the mean of what the tiles near `p` were told. Of
 //!   a cluster of cells that matter little together, one is chosen by its form factor and stands for all (`faint.rs`); so it does of
-//!   a cluster that matters more, where no hemisphere ray of the points around found it. Four rays of five would be blocked otherwise.
+//!   a cluster that matters more, where no hemisphere ray of the points around found it: most rays would be blocked otherwise.
 //!
 //! With `m = n` this is the balance heuristic (Veach 1997, section 9.2.2) over the tile's strategies. Here `m` is smaller, as if
 //! the tile had sent [`BALANCE`] rays: any weights that add up to one are right on average, and form factors of cells that are
@@ -36,7 +36,7 @@ use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d, unit};
 use crate::trace::{Accel, Hit, Ray};
 
 /// Cells whose form factors are computed together.
-const CHUNK: usize = 1024;
+pub(super) const CHUNK: usize = 1024;
 /// Hemisphere rays that a tile counts as if it had sent, when hits are weighed against form factors. More leave more to the
 /// hits, which are noisier; fewer leave cells to form factors that are large enough for these to be wrong.
 const BALANCE: f32 = 320.0;
@@ -51,7 +51,7 @@ pub(super) struct RowSettings {
     /// Points of small tiles send more, until the tile has this many.
     pub(super) tile_rays: usize,
     /// Clusters of cells whose form factors add up to less than this, in the mean over the tile, are answered for by one of
-    /// their cells. Larger spends fewer rays and leaves more noise.
+    /// their cells; to less than eight times as much, where rays found none of them. Larger spends fewer rays and leaves more noise.
     pub(super) faint: f32,
     /// Rays along the specular lobe of a point that has one, a quarter in tiles where none is sharp; points of small tiles send more, as
     /// above.
@@ -442,6 +442,7 @@ impl RowScratch {
             + of(&self.asked_ends)
             + of(&self.hidden)
             + of(&self.by_cell.order)
+            + of(&self.by_cell.next)
             + of(&self.factors)
             + of(&self.shares)
             + self.answers.bytes()

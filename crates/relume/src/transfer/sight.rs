@@ -52,11 +52,11 @@ pub(super) struct Sight {
     /// Their form factors towards `cells`, added up over each of them, a row a tile.
     shares: Vec<f32>,
     /// The point's own.
-    pub(super) factors: Vec<f32>,
+    factors: Vec<f32>,
     /// Visibility from the point, times what it is divided by:
-    pub(super) visible: Vec<f32>,
+    visible: Vec<f32>,
     /// the weight of the tiles that were asked.
-    pub(super) told: Vec<f32>,
+    told: Vec<f32>,
 }
 
 /// Of no cell of the chunk at hand.
@@ -87,8 +87,8 @@ impl Sight {
         );
         near.sort_unstable();
         near.dedup();
-        places.resize(chunk.width, NOWHERE);
         cells.iter().for_each(|&cell| places[cell as usize] = NOWHERE);
+        places.resize(chunk.width, NOWHERE);
         cells.clear();
         for &(cell, _) in near.iter().flat_map(|&tile| answers.of(first + tile as usize)) {
             if places[cell as usize] == NOWHERE {
@@ -128,16 +128,20 @@ impl Sight {
         }
     }
 
+    /// Of each of `cells` that the point sees: its place among them, its number, and how much of it is visible.
+    pub(super) fn seen(&self) -> impl Iterator<Item = (usize, usize, f32)> + '_ {
+        let visible = self.visible.iter().zip(&self.told).zip(&self.cells).enumerate();
+        // a cell that was not asked for is not seen
+        visible
+            .filter(|(_, ((visible, _), _))| **visible > 0.0)
+            .map(|(place, ((visible, told), &cell))| (place, cell as usize, visible / told))
+    }
+
     /// Adds the form factors' share of a tile to the row of the point, of which this is what it sees: `row += V f / (m sum f + 1)`. `shares` are form
     /// factors added up over the tile, and `balance` is `m`.
     pub(super) fn add_balanced(&self, row: &mut [f32], shares: &[f32], balance: f32) {
-        let seen = self.factors.iter().zip(&self.visible).zip(&self.told);
-        for (&cell, ((factor, visible), told)) in self.cells.iter().zip(seen) {
-            // a cell that was not asked for is not seen
-            if *visible > 0.0 {
-                let share = shares[cell as usize];
-                row[cell as usize] += visible * factor / (told * (balance * share + 1.0));
-            }
+        for (place, cell, visible) in self.seen() {
+            row[cell] += visible * self.factors[place] / (balance * shares[cell] + 1.0);
         }
     }
 }
@@ -181,10 +185,10 @@ mod tests {
     fn a_point_takes_the_mean_of_what_the_tiles_near_it_see() {
         let chunk = Chunk::new(0, 0, 4);
         let mut answers = Answers::default();
-        answers.add([(1, 1.0), (3, 2.0)].into_iter());
+        answers.add([(0, 1.0), (1, 1.0), (3, 2.0)].into_iter());
         answers.add([(3, 1.0), (0, 1.0)].into_iter());
         let factors = [1e-3; 4];
-        // the second tile sees the first cell edge-on
+        // the second tile sees the first cell edge-on, so that the first point takes the first tile's word alone
         let shares = [1e-3, 1e-3, 1e-3, 1e-3, 1e-4, 1e-3, 1e-3, 1e-3];
         let (tiling, mut sight) = (tiling(), Sight::default());
         let mut rows = [[0.0; 4]; 2];
@@ -193,7 +197,7 @@ mod tests {
             sight.see(&tiling.near[member], (&answers, 0), &factors);
             sight.add_balanced(row, &shares[chunk.row(member)], 0.0);
         }
-        assert_eq!(rows[0], [0.0, 0.75e-3, 0.0, 1.75e-3]);
+        assert_eq!(rows[0], [1e-3, 0.75e-3, 0.0, 1.75e-3]);
         assert_eq!(rows[1], [0.0, 0.0, 0.0, 1e-3]);
         // of a hit and a form factor that are balanced, each gets its part
         let mut row = [0.0; 4];

@@ -313,8 +313,11 @@ fn maps_rigs_and_caches_are_dropped_on_the_window() {
 #[test]
 fn a_preparation_is_paused_and_ended_and_goes_on_the_next_time() {
     let folder = fresh_folder();
-    let mut window =
-        Window::begin(folder.path(), Some("arcade.toml"), Harness::builder().with_size([1280.0, 800.0]));
+    // long enough to be paused, also beside other tests
+    let settings = relume::transfer::Settings { gather: 1024, ..crate::support::settings() };
+    let begin =
+        || Window::begin_with(folder.path(), Some("arcade.toml"), Harness::builder(), settings.clone());
+    let mut window = begin();
     while window.harness.query_by_label("Pause").is_none() {
         window.harness.step();
         assert!(!window.harness.state().is_prepared(), "too fast to be paused");
@@ -328,7 +331,8 @@ fn a_preparation_is_paused_and_ended_and_goes_on_the_next_time() {
     window.until_said("The preparation was ended");
     assert!(!folder.path().join("arcade.relume").exists());
     drop(window);
-    let window = Window::open(folder.path());
+    let mut window = begin();
+    window.settle();
     assert!(window.harness.state().is_prepared() && folder.path().join("arcade.relume").exists());
 }
 

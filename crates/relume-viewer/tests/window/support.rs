@@ -76,13 +76,23 @@ impl Window {
         rig: Option<&str>,
         builder: egui_kittest::HarnessBuilder<Viewer>,
     ) -> Self {
-        let source = Source { settings: settings(), ..Source::new(folder.join("arcade.glb")) };
+        Self::begin_with(folder, rig, builder, settings())
+    }
+
+    /// The same, prepared with other settings than most.
+    pub(crate) fn begin_with(
+        folder: &Path,
+        rig: Option<&str>,
+        builder: egui_kittest::HarnessBuilder<Viewer>,
+        settings: Settings,
+    ) -> Self {
+        let source = Source { settings: settings.clone(), ..Source::new(folder.join("arcade.glb")) };
         let options = Options {
             source: Some(source),
             rig: rig.map(|rig| folder.join(rig)),
             state: Some(folder.join("state")),
             dialogs: Dialogs::Typed,
-            settings: settings(),
+            settings,
             threads: 0,
             times: None,
         };

@@ -98,14 +98,14 @@ pub(super) struct Draft {
 
 impl Draft {
     /// Of some of the rows of a run.
-    pub(super) fn new(part: &Part<'_>, settings: &LowRankSettings) -> Self {
+    pub(super) fn new(part: &Part<'_>) -> Self {
         let (run, rows) = (part.run, part.x.rows());
-        let (basis, rank, places) = chosen(part, settings);
+        let (basis, rank, places) = chosen(part, &run.settings);
         let kept = Kept::new(part, &places);
         let basis = View::new(&basis, rank, rows);
         let directions = product(basis, View::new(&kept.x, rows, kept.count));
         let whole = kept.with_dropped_light(&directions, rank, &product(basis, part.responses));
-        let step = (STEP * f64::from(settings.price).sqrt()) as f32;
+        let step = (STEP * f64::from(run.settings.price).sqrt()) as f32;
         let v = Quantised::of_directions(&whole, kept.count, step);
         let fit = kept.fit(part.responses, &v.values, rank);
         let (u, weights) = fit.quantised(f64::from(step));
@@ -135,21 +135,19 @@ impl Draft {
         self.encoded.shape.rank as usize
     }
 
-    /// With what the lights that nothing was learned from send to the rows `x`, and what is missed of it, as every `step`th row tells.
-    pub(super) fn judged(self, x: &[f32], step: usize, prior: &LightPrior) -> Encoded {
+    /// With what the lights that nothing was learned from send to the rows `x`, and what is missed of it.
+    pub(super) fn judged(self, x: &[f32], prior: &LightPrior) -> Encoded {
         let BlockShape { rows, rank, kept } = self.encoded.shape;
         let (rows, rank, kept, lights) = (rows as usize, rank as usize, kept as usize, prior.held_lights);
         let held = rows_of(&prior.held, lights, self.encoded.indices.iter().copied());
         let sent = product(View::new(&self.directions, rank, kept), View::new(&held, kept, lights));
-        let weights = View::new(&self.weights, rows, rank).every(step);
-        let told = product(weights, View::new(&sent, rank, lights));
+        let told = product(View::new(&self.weights, rows, rank), View::new(&sent, rank, lights));
         let count = x.len().checked_div(rows).unwrap_or(0);
-        let truth = product(View::new(x, rows, count).every(step), View::new(&prior.held, count, lights));
+        let truth = product(View::new(x, rows, count), View::new(&prior.held, count, lights));
         let missed: Vec<f32> = truth.iter().zip(&told).map(|(truth, told)| truth - told).collect();
-        let stands_for = rows as f64 / weights.rows().max(1) as f64;
         let [energy, lost] = [&truth, &missed].map(|values| {
             let energies = column_energies(values, lights);
-            energies.into_iter().map(|energy| stands_for * f64::from(energy)).collect()
+            energies.into_iter().map(f64::from).collect()
         });
         Encoded { energy, lost, ..self.encoded }
     }

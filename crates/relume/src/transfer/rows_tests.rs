@@ -61,8 +61,14 @@ fn penumbra() -> Vec<GatherPoint> {
         .collect()
 }
 
-/// Root mean square error of the share of the lamp that points in the middle of the patch see, by their rows.
-fn lamp_error(room: &Room, points: &[GatherPoint], spread: Spread, faint: f32) -> f32 {
+/// The cells of a room, on which rows are made.
+struct Cells {
+    cloud: GatherCloud,
+    map: CellMap,
+    patches: Patches,
+}
+
+fn cells(room: &Room) -> Cells {
     let Room { scene, geometry, accel } = room;
     let down = |index: usize| {
         let place = |bits: usize| ((bits % 64) as f32 / 63.0 - 0.5) * 3.0;
@@ -76,10 +82,21 @@ fn lamp_error(room: &Room, points: &[GatherPoint], spread: Spread, faint: f32) -
         CloudSettings { count: CELLS, method: CloudMethod::Uniform, sky: true, rays: 20_000_000, seed: 0 };
     let (cloud, map) = GatherCloud::new(scene, geometry, accel, &seen, &settings, &()).unwrap();
     let patches = Patches::new(&cloud, &map);
+    Cells { cloud, map, patches }
+}
+
+fn source<'a>(room: &'a Room, cells: &'a Cells, spread: Spread, faint: f32) -> RowSource<'a> {
     let settings = RowSettings { hemisphere_rays: 64, tile_rays: 512, lobe_rays: 64, faint, spread };
-    let source = RowSource { accel, geometry, map: &map, patches: &patches, settings };
+    let Room { geometry, accel, .. } = room;
+    RowSource { accel, geometry, map: &cells.map, patches: &cells.patches, settings }
+}
+
+/// Root mean square error of the share of the lamp that points in the middle of the patch see, by their rows.
+fn lamp_error(room: &Room, points: &[GatherPoint], spread: Spread, faint: f32) -> f32 {
+    let cells = cells(room);
+    let Cells { cloud, patches, .. } = &cells;
     let mut rows = vec![0.0; points.len() * CELLS];
-    source.block(points, &mut rows, &mut RowScratch::default());
+    source(room, &cells, spread, faint).block(points, &mut rows, &mut RowScratch::default());
     let of_lamp: Vec<bool> = cloud
         .surfaces()
         .iter()
@@ -122,4 +139,28 @@ fn rays_are_ordered_by_cell_and_then_by_tile() {
     assert_eq!(by_cell.order, [1, 4, 3, 0, 2]);
     by_cell.sort(&asked[..2], 4);
     assert_eq!(by_cell.order, [1, 0]);
+}
+
+#[test]
+fn what_rays_hit_is_known_to_all_tiles_of_their_run() {
+    let (room, points) = (room(), penumbra());
+    let cells = cells(&room);
+    let points = &points[..5 * TILE / 2];
+    let mut rows = vec![0.0; points.len() * CELLS];
+    let mut scratch = RowScratch { keep: true, ..RowScratch::default() };
+    source(&room, &cells, Spread { tile: 0.01, tent: 0.02 }, 4e-3).block(points, &mut rows, &mut scratch);
+    assert!(scratch.tiling.tiles.len() > 3, "more tiles than runs");
+    let mut expected = vec![0_u64; 3 * CELLS / FAINT_CLUSTER];
+    let mut first = 0;
+    for (tile, &(end, _)) in scratch.tiling.tiles.iter().zip(&scratch.found_ends) {
+        let run = tile[0] as usize / TILE * CELLS;
+        for found in &scratch.found[first..end] {
+            let place = run + found.cell as usize;
+            expected[place / FAINT_CLUSTER] |= 1 << (place % FAINT_CLUSTER);
+        }
+        first = end;
+    }
+    assert_eq!(scratch.hit_cells, expected);
+    let hit: u32 = expected.iter().map(|bits| bits.count_ones()).sum();
+    assert!((1..3 * CELLS as u32).contains(&hit), "{hit}: some cells are hidden and some are not");
 }

@@ -6,7 +6,8 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use relume::sample::CloudMethod;
 use relume::transfer::{
-    Encoding, EncodingError, Multibounce, PhotonSettings, Quality, RowMethod, Selection, Settings, Shard,
+    BlocksOf, Encoding, EncodingError, Multibounce, PhotonSettings, Quality, RowMethod, Selection, Settings,
+    Shard,
 };
 use relume::{Error, Preparation, Result, Transfer};
 use serde::Serialize;
@@ -305,9 +306,9 @@ pub(crate) fn run(arguments: &Arguments, console: &Console) -> Result<()> {
     Ok(())
 }
 
-/// Says what an unfinished job has left.
+/// Says what an unfinished job has left; nothing of what another version has left there, which is gone with the first block.
 fn tell_of_blocks(kept: &Path, console: &Console) {
-    if kept.exists() {
+    if BlocksOf::read(kept).is_ok() {
         console
             .notice(&format!("{} holds what is done: the same command goes on from there", kept.display()));
     }

@@ -11,7 +11,6 @@ fn numbers(count: usize, seed: u32) -> Vec<f32> {
 
 fn prior() -> LightPrior {
     LightPrior {
-        exposures: vec![1.0; COUNT],
         magnitudes: vec![1.0; COUNT],
         training: numbers(COUNT * LIGHTS, 2),
         lights: LIGHTS,

@@ -172,7 +172,7 @@ impl Shot<'_> {
         let times = self.settings.multibounce.times_to_learn();
         let bounce = bounce.map(|operator| (operator, times));
         progress.stage("light prior", (lights.alike.len() + lights.others.len()) as u64);
-        LightPrior::new(cloud, lights, self.settings, bounce, progress).map(Some)
+        LightPrior::new(cloud, lights, self.settings.selection(), bounce, progress).map(Some)
     }
 }
 

@@ -46,6 +46,7 @@ fn columns_of(lamps: &[Vec<f32>]) -> Vec<f32> {
 /// Magnitudes of one, so that only the training lights tell coefficients apart.
 fn prior(training: &[Vec<f32>]) -> LightPrior {
     LightPrior {
+        expected: vec![1.0; COUNT],
         magnitudes: vec![1.0; COUNT],
         training: columns_of(training),
         lights: training.len(),
@@ -95,7 +96,7 @@ fn the_loss_that_is_told_is_that_of_applying_the_block() {
     for (light, lamp) in held().iter().enumerate() {
         let grey: Vec<Vec3> = lamp.iter().map(|&v| Vec3::splat(v)).collect();
         let mut out = vec![Vec3::ZERO; ROWS];
-        matrix.apply(&Coefficients::new(&grey, &[]), None, &mut out);
+        matrix.apply(&Coefficients::new(&grey, &[], &[]), None, &mut out);
         let truth = rows();
         let truth =
             truth.chunks_exact(COUNT).map(|row| row.iter().zip(lamp).map(|(a, b)| a * b).sum::<f32>());
@@ -137,7 +138,7 @@ fn a_block_that_sees_nothing_costs_nothing() {
     assert!(encoded.lost.iter().all(|&lost| lost == 0.0));
     let mut out = vec![Vec3::ONE; ROWS];
     LowRank::from_blocks(&[encoded], COUNT).apply(
-        &Coefficients::new(&[Vec3::ONE; COUNT], &[]),
+        &Coefficients::new(&[Vec3::ONE; COUNT], &[], &[]),
         None,
         &mut out,
     );
@@ -157,7 +158,7 @@ fn directions_without_coefficients_are_dropped() {
         assert_eq!(rank == 0, kept == 0, "price {price}: {rank} directions of {kept} coefficients");
         let matrix = LowRank::from_blocks(&[encoded], COUNT);
         assert!(matrix.is_sound(1, COUNT), "price {price}");
-        matrix.apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[]), None, &mut [Vec3::ZERO]);
+        matrix.apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[], &[]), None, &mut [Vec3::ZERO]);
     }
 }
 
@@ -223,8 +224,12 @@ fn what_does_not_fit_is_refused() {
 fn columns_are_as_strong_as_what_they_do() {
     let (encoded, _) = encoded(&prior(&lamps(0, LIGHTS as u32)), &ALL);
     let matrix = LowRank::from_blocks(&[encoded], COUNT);
-    let operator =
-        Operator::new(ROWS, Matrix::LowRank(matrix), vec![1.0; COUNT].into(), EncodingError::default());
+    let operator = Operator::new(
+        ROWS,
+        Matrix::LowRank(matrix),
+        (vec![1.0; COUNT].into(), vec![1.0; COUNT].into()),
+        EncodingError::default(),
+    );
     let norms = operator.norms(COUNT);
     let (mut told, mut done) = (0.0, 0.0);
     for column in 0..COUNT {

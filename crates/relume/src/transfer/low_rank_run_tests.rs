@@ -11,6 +11,7 @@ fn numbers(count: usize, seed: u32) -> Vec<f32> {
 
 fn prior() -> LightPrior {
     LightPrior {
+        expected: vec![1.0; COUNT],
         magnitudes: vec![1.0; COUNT],
         training: numbers(COUNT * LIGHTS, 2),
         lights: LIGHTS,

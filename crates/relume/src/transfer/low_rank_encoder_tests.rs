@@ -118,6 +118,45 @@ fn dropped_light_is_guessed_from_what_the_training_lights_have_in_common() {
     assert!(taught < 0.85 * untaught, "{taught} against {untaught}");
 }
 
+/// What is bright is what is seen, cell by cell: of each row a tenth of the light is in details that are too faint to be looked at.
+#[test]
+fn light_on_coefficients_that_are_not_looked_at_is_not_lost() {
+    let grain =
+        |i: usize, depth: f32| if hash(i as u32, 5).is_multiple_of(2) { 1.0 + depth } else { 1.0 - depth };
+    let grained = |values: Vec<f32>, depth: f32| -> Vec<f32> {
+        values.iter().enumerate().map(|(i, value)| value * grain(i, depth)).collect()
+    };
+    let lit = |first: u32, count: u32| -> Vec<Vec<f32>> {
+        lamps(first, count).into_iter().map(|lamp| grained(lamp, 1.0)).collect()
+    };
+    let rows: Vec<Vec<f32>> =
+        (0..ROWS).map(|row| grained(bump(row as f32 * 3.0 + 20.0, 12.0), 0.1)).collect();
+    let x: Vec<f32> = rows.iter().flat_map(|row| coefficients(row.clone())).collect();
+    let settings = LowRankSettings { rank: 24, kept: 24, ..ALL };
+    let prior = prior(&lit(0, LIGHTS as u32));
+    let run = Run::new(&x, ROWS, &settings, &prior);
+    assert_eq!(run.candidates.len(), 36, "of {COUNT}");
+    let matrix = LowRank::from_blocks(&[Draft::new(&run.part(0..ROWS)).judged(&x, &prior)], COUNT);
+    let (mut sent, mut seen, mut told) = (0.0, 0.0, 0.0);
+    for lamp in lit(2000, 16) {
+        let grey: Vec<Vec3> = lamp.iter().map(|&v| Vec3::splat(v)).collect();
+        let mut out = vec![Vec3::ZERO; ROWS];
+        matrix.apply(&Coefficients::new(&grey, &[], &[]), None, &mut out);
+        told += out.iter().map(|rgb| f64::from(rgb.x)).sum::<f64>();
+        let lamp = coefficients(lamp);
+        for row in x.chunks_exact(COUNT) {
+            let part = |c: usize| f64::from(row[c] * lamp[c]);
+            sent += (0..COUNT).map(part).sum::<f64>();
+            seen += run.candidates.iter().map(|&c| part(c as usize)).sum::<f64>();
+        }
+    }
+    assert!(seen < 0.96 * sent, "the candidates are to lack some of {sent}: {seen}");
+    assert!(
+        (told / sent - 1.0).abs() < 0.4 * (1.0 - seen / sent),
+        "told {told} of {sent}, of which candidates have {seen}"
+    );
+}
+
 #[test]
 fn a_higher_price_buys_less_and_loses_more() {
     let prior = prior(&lamps(0, LIGHTS as u32));

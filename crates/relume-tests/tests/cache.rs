@@ -318,6 +318,12 @@ fn emission_that_cannot_be_is_refused() {
 }
 
 #[test]
+fn the_page_about_the_file_is_of_this_version() {
+    let page = include_str!("../../../docs/CACHE.md");
+    assert!(page.contains(&format!("This page describes format version {FORMAT_VERSION}.")));
+}
+
+#[test]
 fn other_versions_are_named() {
     let saved = Saved::new(&small(Encoding::LowRank));
     let ours = format!(r#"version\":{FORMAT_VERSION}"#).into_bytes();

@@ -210,13 +210,13 @@ impl Transfer {
             work += operator.apply_coefficients(coefficients, epsilon, &mut out);
             out
         };
-        let coefficients = self.gather.coefficients(light);
+        let coefficients = Coefficients::new(light, &self.gather.weights);
         let glossy = self.glossy.as_ref().map(|glossy| {
             // both learn from the same prior, unless a file says otherwise
-            if glossy.weighs_like(&self.gather) {
+            if *glossy.weights == *self.gather.weights {
                 apply(glossy, &coefficients)
             } else {
-                apply(glossy, &glossy.coefficients(light))
+                apply(glossy, &Coefficients::new(light, &glossy.weights))
             }
         });
         (apply(&self.gather, &coefficients), glossy, work)

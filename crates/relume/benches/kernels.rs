@@ -69,7 +69,7 @@ fn transform(criterion: &mut Criterion) {
         // what a frame does: all colours, on all threads
         let light = radiance(count);
         group.bench_function(BenchmarkId::new("of light", count), |bencher| {
-            bencher.iter(|| Coefficients::new(black_box(&light), &[]));
+            bencher.iter(|| Coefficients::new(black_box(&light), &[], &[]));
         });
     }
     group.finish();
@@ -80,7 +80,7 @@ fn products(criterion: &mut Criterion, encoding: Encoding, transfer: &Transfer) 
     let mut group = criterion.benchmark_group("products");
     let light = radiance(transfer.cloud.len());
     for (name, operator) in [("final gather", &transfer.gather), ("a bounce", &transfer.bounce)] {
-        let coefficients = Coefficients::new(&light, &operator.weights);
+        let coefficients = operator.coefficients(&light);
         let mut out = vec![Vec3::ZERO; operator.rows];
         group.throughput(Throughput::Bytes(operator.bytes() as u64));
         group.bench_function(BenchmarkId::new(name, format!("{encoding:?}")), |bencher| {

@@ -92,6 +92,7 @@ mod tests {
     fn prior() -> LightPrior {
         let (training, held) = (lamps(0, LIGHTS, |r| 8.0 + 40.0 * r), lamps(1000, 16, |r| 8.0 + 40.0 * r));
         LightPrior {
+            expected: vec![1.0; COUNT],
             magnitudes: vec![1.0; COUNT],
             training: columns(&training),
             lights: training.len(),
@@ -123,7 +124,7 @@ mod tests {
         for lamp in lamps(5000, 24, |_| 2.0) {
             let grey: Vec<Vec3> = lamp.iter().map(|&value| Vec3::splat(value)).collect();
             let mut told = vec![Vec3::ZERO; rows.len()];
-            matrix.apply(&Coefficients::new(&grey, &[]), None, &mut told);
+            matrix.apply(&Coefficients::new(&grey, &[], &[]), None, &mut told);
             let truth = product(View::new(&rows.concat(), rows.len(), COUNT), View::new(&lamp, COUNT, 1));
             for (truth, told) in truth.iter().zip(&told).take(FLOOR) {
                 light += f64::from(*truth).powi(2);

@@ -8,7 +8,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{Coefficients, Operator, Work};
+use super::{Operator, Work};
 
 /// Terms are computed one by one until a further one would be this share of the whole, for light that has settled.
 const NEGLIGIBLE: f64 = 1e-3;
@@ -161,7 +161,7 @@ pub(super) fn reflected(
     epsilon: f32,
 ) -> (Vec<Vec3>, Work) {
     let mut reflected = vec![Vec3::ZERO; bounce.rows];
-    let work = bounce.apply_coefficients(&Coefficients::new(light, &bounce.weights), epsilon, &mut reflected);
+    let work = bounce.apply_coefficients(&bounce.coefficients(light), epsilon, &mut reflected);
     // the sky, whose samples come last, reflects nothing
     reflected.resize(light.len(), Vec3::ZERO);
     reflected.par_iter_mut().zip(albedo).with_min_len(4096).for_each(|(light, albedo)| *light *= *albedo);

@@ -26,7 +26,7 @@ fn operator(share: f32, own: i8) -> Operator {
         values: values.into(),
         scales: vec![share / (127.0 * (COUNT as f32).sqrt()); COUNT].into(),
     };
-    Operator::new(COUNT, Matrix::HaarRows(matrix), Vec::new().into(), EncodingError::default())
+    Operator::new(COUNT, Matrix::HaarRows(matrix), Default::default(), EncodingError::default())
 }
 
 fn summed(bounce: &Operator, albedo: &[Vec3], direct: &[Vec3], times: Option<u32>) -> Vec<Vec3> {

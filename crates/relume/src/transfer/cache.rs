@@ -38,7 +38,7 @@ use crate::{Error, Result, atomic_write};
 
 /// Version of the file format. A file of another version is refused: preparing again takes minutes, guessing at old
 /// files costs trust.
-pub const FORMAT_VERSION: u32 = 10;
+pub const FORMAT_VERSION: u32 = 11;
 
 const KEY: &str = "relume";
 
@@ -366,8 +366,8 @@ impl<'a> Opened<'a> {
                 })
             }
         };
-        let operator =
-            Operator::new(header.rows, matrix, self.buffer(&part("weights"))?, header.expected_error);
+        let weights = (self.buffer(&part("sample_weights"))?, self.buffer(&part("weights"))?);
+        let operator = Operator::new(header.rows, matrix, weights, header.expected_error);
         let operator = match self.interpolation(spread_by, header.rows)? {
             Some(interpolation) => operator.interpolated(interpolation),
             None => operator,

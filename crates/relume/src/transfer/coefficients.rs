@@ -4,7 +4,7 @@ use glam::{Mat4, Vec3, Vec4};
 
 use super::haar;
 
-/// The Haar coefficients of light on the gather cloud, weighted as an operator wants them: `D^-1 W g`, RGB.
+/// The Haar coefficients of light on the gather cloud, weighted as an operator wants them: `D^-1 W E^-1 g`, RGB.
 #[derive(Clone, Debug, Default)]
 pub struct Coefficients {
     /// One a coefficient, and one more, so that each can be read by its four floats.
@@ -12,11 +12,14 @@ pub struct Coefficients {
 }
 
 impl Coefficients {
-    /// The coefficients of `light` (one RGB a gather sample, tree order), each times `weights`' entry; an empty
-    /// `weights` stands for ones.
-    pub fn new(light: &[Vec3], weights: &[f32]) -> Self {
+    /// The coefficients of `light` (one RGB a gather sample, tree order), of which each sample counts as often as its entry in
+    /// `samples` says; each times `weights`' entry. Empty slices stand for ones.
+    ///
+    /// # Panics
+    /// If `light` is no power of four long, or `samples` of another length.
+    pub fn new(light: &[Vec3], samples: &[f32], weights: &[f32]) -> Self {
         let mut values = vec![[0.0; 3]; light.len() + 1];
-        haar::forward_rgb(light, &mut values[..light.len()]);
+        haar::forward_rgb(light, samples, &mut values[..light.len()]);
         for (value, weight) in values.iter_mut().zip(weights) {
             *value = value.map(|channel| channel * weight);
         }

@@ -395,7 +395,7 @@ pub(super) fn losses(
         let first: usize = blocks.lengths[..block].iter().sum();
         let points = &blocks.points[first..first + blocks.lengths[block]];
         workplace.estimate(plan, points);
-        workplace.transform(plan.count, Some(&prior.magnitudes));
+        workplace.transform(plan.count, Some(prior));
         let served = blocks.served[block];
         let dear = settings.price / served.errors.max(LEAST_SERVED);
         let at = |price: &f32| LowRankSettings { price: dear * price, ..settings };
@@ -490,13 +490,18 @@ impl Workplace {
         self.rows.resize(length, 0.0);
     }
 
-    /// Replaces the rows by their Haar coefficients, weighted by the prior if there is one.
-    fn transform(&mut self, count: usize, prior: Option<&[f32]>) {
+    /// Replaces the rows by their Haar coefficients, weighted by the prior before and after if there is one.
+    fn transform(&mut self, count: usize, prior: Option<&LightPrior>) {
         self.haar.resize(count, 0.0);
+        let weigh =
+            |row: &mut [f32], by: &[f32]| row.iter_mut().zip(by).for_each(|(value, weight)| *value *= weight);
         for row in self.rows.chunks_exact_mut(count) {
+            if let Some(prior) = prior {
+                weigh(row, &prior.expected);
+            }
             haar::forward(row, &mut self.haar);
             if let Some(prior) = prior {
-                row.iter_mut().zip(prior).for_each(|(value, magnitude)| *value *= magnitude);
+                weigh(row, &prior.magnitudes);
             }
         }
     }
@@ -504,7 +509,7 @@ impl Workplace {
     fn encode(&mut self, encoder: Encoder<'_>, count: usize, rows: usize) -> EncodedBlock {
         match encoder {
             Encoder::LowRank { settings, prior } => {
-                self.transform(count, Some(&prior.magnitudes));
+                self.transform(count, Some(prior));
                 EncodedBlock::LowRank(block_lengths::encode(&self.rows, rows, &settings, prior))
             }
             Encoder::Haar(haar) => {
@@ -530,7 +535,9 @@ fn assemble(blocks: Vec<EncodedBlock>, encoder: Encoder<'_>, rows: usize, count:
                 add(&mut energy, &block.energy);
                 add(&mut lost, &block.lost);
             }
-            let weights: Vec<f32> = prior.magnitudes.iter().map(|magnitude| 1.0 / magnitude).collect();
+            let inverse =
+                |values: &[f32]| values.iter().map(|value| 1.0 / value).collect::<Vec<f32>>().into();
+            let weights = (inverse(&prior.expected), inverse(&prior.magnitudes));
             let matrix = Matrix::LowRank(LowRank::from_blocks(&low_rank, count));
             let ((alike, others), (lost_alike, lost_others)) = (
                 energy.split_at(prior.held_alike.min(energy.len())),
@@ -540,7 +547,7 @@ fn assemble(blocks: Vec<EncodedBlock>, encoder: Encoder<'_>, rows: usize, count:
                 expected: relative_error(alike, lost_alike),
                 other_lights: relative_error(others, lost_others),
             };
-            Operator::new(rows, matrix, weights.into(), error)
+            Operator::new(rows, matrix, weights, error)
         }
         Encoder::Haar(haar) => {
             let (energy, dropped) = energy_of(&kept);
@@ -558,7 +565,7 @@ fn assemble(blocks: Vec<EncodedBlock>, encoder: Encoder<'_>, rows: usize, count:
                 expected: relative_error(&[energy], &[dropped + coarse]),
                 other_lights: None,
             };
-            Operator::new(rows, matrix, Vec::new().into(), error)
+            Operator::new(rows, matrix, Default::default(), error)
         }
     }
 }

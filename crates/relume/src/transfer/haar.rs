@@ -22,31 +22,42 @@ pub fn forward(values: &mut [f32], scratch: &mut [f32]) {
     }
 }
 
-/// The coefficients of three channels at once, each bit for bit those of [`forward`]. `coefficients` is as long as `values`.
+/// The coefficients of three channels at once, each bit for bit those of [`forward`], of `values` times `weights`; no weights
+/// stand for ones. `coefficients` is as long as `values`.
 ///
 /// # Panics
 /// If the lengths differ or are no power of four.
-pub fn forward_rgb(values: &[Vec3], coefficients: &mut [[f32; 3]]) {
-    assert!(is_power_of_four(values.len()) && coefficients.len() == values.len(), "{} values", values.len());
-    let mut sums: Vec<Vec3A> =
-        if values.len() == 1 { vec![values[0].into()] } else { analyse_rgb(values, coefficients) };
+pub fn forward_rgb(values: &[Vec3], weights: &[f32], coefficients: &mut [[f32; 3]]) {
+    let fits = coefficients.len() == values.len() && (weights.is_empty() || weights.len() == values.len());
+    assert!(is_power_of_four(values.len()) && fits, "{} values, {} weights", values.len(), weights.len());
+    let (blocks, weights_of_blocks) = (values.as_chunks::<4>().0, weights.as_chunks::<4>().0);
+    let weighted = |block: usize| {
+        let weights = weights_of_blocks.get(block).unwrap_or(&[1.0; 4]);
+        std::array::from_fn(|i| Vec3A::from(blocks[block][i]) * weights[i])
+    };
+    let mut sums = match values {
+        [one] => vec![Vec3A::from(*one) * weights.first().copied().unwrap_or(1.0)],
+        _ => analyse_rgb(weighted, coefficients),
+    };
     while sums.len() > 1 {
-        sums = analyse_rgb(&sums, &mut coefficients[..sums.len()]);
+        let blocks = sums.as_chunks::<4>().0;
+        sums = analyse_rgb(|block| blocks[block], &mut coefficients[..sums.len()]);
     }
     coefficients[0] = sums[0].into();
 }
 
-/// Writes the details of one level, the last three quarters of `coefficients`, and returns the sums.
-fn analyse_rgb<T: Copy + Sync + Into<Vec3A>>(values: &[T], coefficients: &mut [[f32; 3]]) -> Vec<Vec3A> {
-    let quarter = values.len() / 4;
+/// Writes the details of one level, the last three quarters of `coefficients`, and returns the sums. `block` gives the values of each
+/// block of four.
+fn analyse_rgb(block: impl Fn(usize) -> [Vec3A; 4] + Sync, coefficients: &mut [[f32; 3]]) -> Vec<Vec3A> {
+    let quarter = coefficients.len() / 4;
     let (_, details) = coefficients.split_at_mut(quarter);
     let (horizontal, details) = details.split_at_mut(quarter);
     let (vertical, diagonal) = details.split_at_mut(quarter);
     let mut sums = vec![Vec3A::ZERO; quarter];
     let details = horizontal.par_iter_mut().zip(vertical).zip(diagonal);
-    let blocks = values.as_chunks::<4>().0.par_iter().zip(&mut sums).zip(details).with_min_len(2048);
-    blocks.for_each(|((block, sum), ((horizontal, vertical), diagonal))| {
-        let block: [Vec3A; 4] = block.map(Into::into);
+    let places = sums.par_iter_mut().enumerate().zip(details).with_min_len(2048);
+    places.for_each(|((place, sum), ((horizontal, vertical), diagonal))| {
+        let block = block(place);
         let (top, bottom) = (block[0] + block[1], block[2] + block[3]);
         let (left, right) = (block[0] - block[1], block[2] - block[3]);
         *sum = 0.5 * (top + bottom);
@@ -159,11 +170,15 @@ mod tests {
             let planes = [noise(count), noise(2 * count)[count..].to_vec(), vec![0.5; count]];
             let rgb: Vec<Vec3> =
                 (0..count).map(|i| Vec3::from(planes.each_ref().map(|plane| plane[i]))).collect();
-            let mut found = vec![[0.0; 3]; count];
-            forward_rgb(&rgb, &mut found);
-            for (channel, mut plane) in planes.into_iter().enumerate() {
-                forward(&mut plane, &mut vec![0.0; count]);
-                assert!(found.iter().map(|rgb| rgb[channel]).eq(plane), "{count} values, channel {channel}");
+            for weights in [Vec::new(), noise(count)] {
+                let mut found = vec![[0.0; 3]; count];
+                forward_rgb(&rgb, &weights, &mut found);
+                for (channel, mut plane) in planes.clone().into_iter().enumerate() {
+                    plane.iter_mut().zip(&weights).for_each(|(value, weight)| *value *= weight);
+                    forward(&mut plane, &mut vec![0.0; count]);
+                    let found = found.iter().map(|rgb| rgb[channel]);
+                    assert!(found.eq(plane), "{count} values, {} weights, channel {channel}", weights.len());
+                }
             }
         }
     }

@@ -44,7 +44,7 @@ fn light(seed: u32) -> Coefficients {
     let light: Vec<Vec3> = (0..COUNT)
         .map(|i| Vec3::new(random(3 * i, seed), random(3 * i + 1, seed), random(3 * i + 2, seed)))
         .collect();
-    Coefficients::new(&light, &[])
+    Coefficients::new(&light, &[], &[])
 }
 
 fn product(rows: &[KeptRows], light: &Coefficients) -> Vec<Vec3> {
@@ -65,7 +65,7 @@ fn difference(a: &[Vec3], b: &[Vec3]) -> f64 {
 fn operator() -> Operator {
     let (matrix, _) = HaarBlocks::encode(&rows(), layout());
     assert!(matrix.is_sound(ROWS, COUNT));
-    Operator::new(ROWS, Matrix::HaarBlocks(matrix), Vec::new().into(), EncodingError::default())
+    Operator::new(ROWS, Matrix::HaarBlocks(matrix), Default::default(), EncodingError::default())
 }
 
 fn apply(operator: &Operator, light: &Coefficients, epsilon: f32) -> (Vec<Vec3>, Work) {
@@ -81,7 +81,7 @@ fn blocks_do_what_rows_do() {
     let energy: f64 = rows.iter().flat_map(|rows| &rows.energies).sum();
     let expected = (lost / energy).sqrt();
     let operator =
-        Operator::new(ROWS, Matrix::HaarBlocks(matrix), Vec::new().into(), EncodingError::default());
+        Operator::new(ROWS, Matrix::HaarBlocks(matrix), Default::default(), EncodingError::default());
     let (out, work) = apply(&operator, &light, 0.0);
     let error = difference(&out, &product(&rows, &light));
     println!("off by {error:.5}, expected {expected:.5}, {work:?}");
@@ -91,7 +91,7 @@ fn blocks_do_what_rows_do() {
     let (elsewhere, _) = HaarBlocks::encode(&rows, other);
     let shifted = HaarBlocks { layout: layout(), ..elsewhere };
     let shifted =
-        Operator::new(ROWS, Matrix::HaarBlocks(shifted), Vec::new().into(), EncodingError::default());
+        Operator::new(ROWS, Matrix::HaarBlocks(shifted), Default::default(), EncodingError::default());
     assert!(difference(&apply(&shifted, &light, 0.0).0, &out) > 0.1, "another layout must be noticed");
 }
 
@@ -145,7 +145,7 @@ fn culling_adds_no_more_than_it_may() {
     // a light that fades from coarse to fine
     let light: Vec<Vec3> =
         (0..COUNT).map(|i| Vec3::new((-(i as f32) / 20.0).exp(), 0.2, 1.0 / (1 + i) as f32)).collect();
-    let light = Coefficients::new(&light, &[]);
+    let light = Coefficients::new(&light, &[], &[]);
     let (all, work) = apply(&operator, &light, 0.0);
     assert_eq!(work.culled, 0);
     let mut before = 0;
@@ -158,7 +158,7 @@ fn culling_adds_no_more_than_it_may() {
     }
     assert!(before > 0, "something is faint");
     assert!(difference(&apply(&operator, &light, 1.0).0, &all) > 1e-3, "what is left out is noticed");
-    let dark = Coefficients::new(&[Vec3::ZERO; COUNT], &[]);
+    let dark = Coefficients::new(&[Vec3::ZERO; COUNT], &[], &[]);
     let (out, work) = apply(&operator, &dark, 0.01);
     assert!(work.culled == work.all && out.iter().all(|v| *v == Vec3::ZERO), "nothing is drawn in the dark");
 }

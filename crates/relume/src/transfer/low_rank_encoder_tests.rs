@@ -46,6 +46,7 @@ fn columns_of(lamps: &[Vec<f32>]) -> Vec<f32> {
 /// Magnitudes of one, so that only the training lights tell coefficients apart.
 fn prior(training: &[Vec<f32>]) -> LightPrior {
     LightPrior {
+        expected: vec![1.0; COUNT],
         magnitudes: vec![1.0; COUNT],
         training: columns_of(training),
         lights: training.len(),
@@ -95,7 +96,7 @@ fn the_loss_that_is_told_is_that_of_applying_the_block() {
     for (light, lamp) in held().iter().enumerate() {
         let grey: Vec<Vec3> = lamp.iter().map(|&v| Vec3::splat(v)).collect();
         let mut out = vec![Vec3::ZERO; ROWS];
-        matrix.apply(&Coefficients::new(&grey, &[]), None, &mut out);
+        matrix.apply(&Coefficients::new(&grey, &[], &[]), None, &mut out);
         let truth = rows();
         let truth =
             truth.chunks_exact(COUNT).map(|row| row.iter().zip(lamp).map(|(a, b)| a * b).sum::<f32>());
@@ -115,6 +116,45 @@ fn dropped_light_is_guessed_from_what_the_training_lights_have_in_common() {
     let (_, taught) = encoded(&prior(&lamps(0, LIGHTS as u32)), &settings);
     let (_, untaught) = encoded(&prior(&[vec![1.0; COUNT]]), &settings);
     assert!(taught < 0.85 * untaught, "{taught} against {untaught}");
+}
+
+/// What is bright is what is seen, cell by cell: of each row a tenth of the light is in details that are too faint to be looked at.
+#[test]
+fn light_on_coefficients_that_are_not_looked_at_is_not_lost() {
+    let grain =
+        |i: usize, depth: f32| if hash(i as u32, 5).is_multiple_of(2) { 1.0 + depth } else { 1.0 - depth };
+    let grained = |values: Vec<f32>, depth: f32| -> Vec<f32> {
+        values.iter().enumerate().map(|(i, value)| value * grain(i, depth)).collect()
+    };
+    let lit = |first: u32, count: u32| -> Vec<Vec<f32>> {
+        lamps(first, count).into_iter().map(|lamp| grained(lamp, 1.0)).collect()
+    };
+    let rows: Vec<Vec<f32>> =
+        (0..ROWS).map(|row| grained(bump(row as f32 * 3.0 + 20.0, 12.0), 0.1)).collect();
+    let x: Vec<f32> = rows.iter().flat_map(|row| coefficients(row.clone())).collect();
+    let settings = LowRankSettings { rank: 24, kept: 24, ..ALL };
+    let prior = prior(&lit(0, LIGHTS as u32));
+    let run = Run::new(&x, ROWS, &settings, &prior);
+    assert_eq!(run.candidates.len(), 36, "of {COUNT}");
+    let matrix = LowRank::from_blocks(&[Draft::new(&run.part(0..ROWS)).judged(&x, &prior)], COUNT);
+    let (mut sent, mut seen, mut told) = (0.0, 0.0, 0.0);
+    for lamp in lit(2000, 16) {
+        let grey: Vec<Vec3> = lamp.iter().map(|&v| Vec3::splat(v)).collect();
+        let mut out = vec![Vec3::ZERO; ROWS];
+        matrix.apply(&Coefficients::new(&grey, &[], &[]), None, &mut out);
+        told += out.iter().map(|rgb| f64::from(rgb.x)).sum::<f64>();
+        let lamp = coefficients(lamp);
+        for row in x.chunks_exact(COUNT) {
+            let part = |c: usize| f64::from(row[c] * lamp[c]);
+            sent += (0..COUNT).map(part).sum::<f64>();
+            seen += run.candidates.iter().map(|&c| part(c as usize)).sum::<f64>();
+        }
+    }
+    assert!(seen < 0.96 * sent, "the candidates are to lack some of {sent}: {seen}");
+    assert!(
+        (told / sent - 1.0).abs() < 0.4 * (1.0 - seen / sent),
+        "told {told} of {sent}, of which candidates have {seen}"
+    );
 }
 
 #[test]
@@ -137,7 +177,7 @@ fn a_block_that_sees_nothing_costs_nothing() {
     assert!(encoded.lost.iter().all(|&lost| lost == 0.0));
     let mut out = vec![Vec3::ONE; ROWS];
     LowRank::from_blocks(&[encoded], COUNT).apply(
-        &Coefficients::new(&[Vec3::ONE; COUNT], &[]),
+        &Coefficients::new(&[Vec3::ONE; COUNT], &[], &[]),
         None,
         &mut out,
     );
@@ -157,7 +197,7 @@ fn directions_without_coefficients_are_dropped() {
         assert_eq!(rank == 0, kept == 0, "price {price}: {rank} directions of {kept} coefficients");
         let matrix = LowRank::from_blocks(&[encoded], COUNT);
         assert!(matrix.is_sound(1, COUNT), "price {price}");
-        matrix.apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[]), None, &mut [Vec3::ZERO]);
+        matrix.apply(&Coefficients::new(&[Vec3::ONE; COUNT], &[], &[]), None, &mut [Vec3::ZERO]);
     }
 }
 
@@ -223,8 +263,12 @@ fn what_does_not_fit_is_refused() {
 fn columns_are_as_strong_as_what_they_do() {
     let (encoded, _) = encoded(&prior(&lamps(0, LIGHTS as u32)), &ALL);
     let matrix = LowRank::from_blocks(&[encoded], COUNT);
-    let operator =
-        Operator::new(ROWS, Matrix::LowRank(matrix), vec![1.0; COUNT].into(), EncodingError::default());
+    let operator = Operator::new(
+        ROWS,
+        Matrix::LowRank(matrix),
+        (vec![1.0; COUNT].into(), vec![1.0; COUNT].into()),
+        EncodingError::default(),
+    );
     let norms = operator.norms(COUNT);
     let (mut told, mut done) = (0.0, 0.0);
     for column in 0..COUNT {

@@ -210,13 +210,13 @@ impl Transfer {
             work += operator.apply_coefficients(coefficients, epsilon, &mut out);
             out
         };
-        let coefficients = Coefficients::new(light, &self.gather.weights);
+        let coefficients = self.gather.coefficients(light);
         let glossy = self.glossy.as_ref().map(|glossy| {
             // both learn from the same prior, unless a file says otherwise
-            if *glossy.weights == *self.gather.weights {
+            if glossy.weighs_like(&self.gather) {
                 apply(glossy, &coefficients)
             } else {
-                apply(glossy, &Coefficients::new(light, &glossy.weights))
+                apply(glossy, &glossy.coefficients(light))
             }
         });
         (apply(&self.gather, &coefficients), glossy, work)

@@ -25,7 +25,7 @@ const A_PHOTON: u64 = 96;
 /// Of a row that is encoded at [`USUAL_PRICE`], diffuse and glossy; more where bytes are cheaper, by this power: in sponza 250 bytes in blocks of 1024 rows
 /// and 2400 in those of 64, at a sixteenth of the price.
 const AN_ENCODED_ROW: f64 = 320.0;
-const USUAL_PRICE: f64 = 4.5e-7;
+const USUAL_PRICE: f64 = 6.3e-7;
 const CHEAPER: f64 = 0.75;
 /// Receivers for a pixel.
 const RECEIVERS: f64 = 1.15;

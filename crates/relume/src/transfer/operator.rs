@@ -10,6 +10,10 @@ use super::haar_rows::HaarRows;
 use super::low_rank::LowRank;
 use super::{Buffer, Coefficients, Interpolation, Selection};
 
+/// By how much more than independent parts those of `low-rank` that are left out may add up: light is told as a multiple of what is expected, and what
+/// is bright is mostly what is seen. Under a sun in the demo's scene it is twice as much.
+const ADD_UP: f32 = 3.0;
+
 /// How an operator is stored. All stand for the same matrix.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -75,7 +79,9 @@ pub struct Operator {
     pub interpolation: Option<Arc<Interpolation>>,
     /// The matrix.
     pub matrix: Matrix,
-    /// `D^-1`, one a coefficient; empty where the encoding uses no prior.
+    /// `E^-1`, one a gather sample: what light is multiplied by before it is transformed; empty where the encoding uses no prior.
+    pub sample_weights: Buffer<f32>,
+    /// `D^-1`, one a coefficient; empty likewise.
     pub weights: Buffer<f32>,
     /// Expected error of the encoding alone.
     pub expected_error: EncodingError,
@@ -87,10 +93,24 @@ impl Operator {
     pub(super) fn new(
         rows: usize,
         matrix: Matrix,
-        weights: Buffer<f32>,
+        (sample_weights, weights): (Buffer<f32>, Buffer<f32>),
         expected_error: EncodingError,
     ) -> Self {
-        Self { rows, interpolation: None, matrix, weights, expected_error, norms: OnceLock::new() }
+        let (interpolation, norms) = (None, OnceLock::new());
+        Self { rows, interpolation, matrix, sample_weights, weights, expected_error, norms }
+    }
+
+    /// The coefficients of light on the cloud, one RGB a gather sample, as [`Self::apply_coefficients`] takes them.
+    ///
+    /// # Panics
+    /// If `light` is of another cloud.
+    pub fn coefficients(&self, light: &[Vec3]) -> Coefficients {
+        Coefficients::new(light, &self.sample_weights, &self.weights)
+    }
+
+    /// Whether the coefficients of one are those of the other: both learned from the same prior.
+    pub(super) fn weighs_like(&self, other: &Self) -> bool {
+        *self.weights == *other.weights && *self.sample_weights == *other.sample_weights
     }
 
     /// The same rows, from which all points take theirs.
@@ -109,19 +129,23 @@ impl Operator {
     /// # Panics
     /// If `light` has not one entry a gather sample.
     pub fn apply(&self, light: &[Vec3]) -> Vec<Vec3> {
-        let coefficients = Coefficients::new(light, &self.weights);
+        let coefficients = self.coefficients(light);
         let mut out = vec![Vec3::ZERO; self.rows];
         self.apply_coefficients(&coefficients, 0.0, &mut out);
         out
     }
 
-    /// `F g` from coefficients weighted with [`Self::weights`], without parts that add next to nothing: those whose square is at
+    /// `F g` from [`Self::coefficients`], without parts that add next to nothing: those whose square is at
     /// most `epsilon`'s of the mean over all parts, as Hasan 2006 (section 3.5) has it but for what `epsilon` is relative to. 0 leaves
     /// out nothing. Returns how much there was to do.
     ///
     /// # Panics
     /// If the coefficients are of another cloud, or `out` has not [`Self::rows`] entries.
     pub fn apply_coefficients(&self, coefficients: &Coefficients, epsilon: f32, out: &mut [Vec3]) -> Work {
+        let epsilon = match self.matrix {
+            Matrix::LowRank(_) => epsilon / ADD_UP,
+            Matrix::HaarRows(_) | Matrix::HaarBlocks(_) => epsilon,
+        };
         let cut = if epsilon > 0.0 {
             self.norms(coefficients.as_slice().len()).cut(coefficients, epsilon)
         } else {
@@ -150,7 +174,8 @@ impl Operator {
 
     /// Bytes stored, the prior included, but without the interpolation, which operators may share.
     pub fn bytes(&self) -> usize {
-        size_of_val(&*self.weights)
+        size_of_val(&*self.sample_weights)
+            + size_of_val(&*self.weights)
             + match &self.matrix {
                 Matrix::LowRank(matrix) => matrix.bytes(),
                 Matrix::HaarRows(matrix) => matrix.bytes(),
@@ -169,16 +194,18 @@ impl Operator {
 
     /// Whether the parts fit together and a cloud of `count` samples: what a file must be before it is used.
     pub(super) fn is_sound(&self, count: usize) -> bool {
-        if !self.weights.iter().all(|weight| weight.is_finite())
+        let mut weights = self.sample_weights.iter().chain(&*self.weights);
+        if !weights.all(|weight| weight.is_finite())
             || !self.interpolation.as_ref().is_none_or(|interpolation| interpolation.is_sound())
         {
             return false;
         }
         let rows = self.records();
+        let of_each = [&self.sample_weights, &self.weights].map(|weights| weights.len());
         match &self.matrix {
-            Matrix::LowRank(matrix) => self.weights.len() == count && matrix.is_sound(rows, count),
-            Matrix::HaarRows(matrix) => self.weights.is_empty() && matrix.is_sound(rows, count),
-            Matrix::HaarBlocks(matrix) => self.weights.is_empty() && matrix.is_sound(rows, count),
+            Matrix::LowRank(matrix) => of_each == [count; 2] && matrix.is_sound(rows, count),
+            Matrix::HaarRows(matrix) => of_each == [0; 2] && matrix.is_sound(rows, count),
+            Matrix::HaarBlocks(matrix) => of_each == [0; 2] && matrix.is_sound(rows, count),
         }
     }
 }

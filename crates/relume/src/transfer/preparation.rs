@@ -329,7 +329,7 @@ impl Preparation<'_> {
         let from_none = |samples: usize| Buffer::from(vec![Receivers::NONE; samples]);
         let none = || {
             let matrix = Matrix::HaarRows(HaarRows::default());
-            Operator::new(0, matrix, Buffer::default(), EncodingError::default())
+            Operator::new(0, matrix, Default::default(), EncodingError::default())
         };
         Transfer {
             report: self.report(&self.settings, looked),

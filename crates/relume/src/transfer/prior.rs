@@ -1,15 +1,16 @@
 //! The light prior: how much each wavelet coefficient of light on the cloud is expected to vary.
 //!
-//! Learned from random lights (`training.rs`) and from light from everywhere, each scaled so that it carries the same energy on the cloud: how
-//! large each coefficient is, and which go together. The spread falls with the area of the basis function by far less than area-weighted
-//! selection assumes.
+//! Light is told as a multiple of what is expected of each sample, a lamp being as likely anywhere: a dark cloth beside a white wall and a niche that hardly
+//! a lamp shines into are so under any light, and take no coefficients. How large each coefficient of these multiples is, and which go together, is learned
+//! from random lights (`training.rs`) and from light from everywhere, each scaled so that it carries the same energy on the cloud. The spread
+//! falls with the area of the basis function by far less than area-weighted selection assumes.
 
 use glam::Vec3;
 
 use super::training::Training;
-use super::{Coefficients, Operator, Selection, bounces, haar};
+use super::{Coefficients, Encoding, Operator, Settings, bounces, haar};
 use crate::progress::Progress;
-use crate::sample::GatherCloud;
+use crate::sample::{GatherCloud, GatherSample};
 use crate::{Error, Result};
 
 /// Share of a coefficient's own measured variance in its prior; the rest is the mean of its level, so that a
@@ -19,8 +20,11 @@ const OWN_SHARE: f64 = 0.6;
 /// What is known of light on the cloud before a lamp is set. Errors are relative to each image: a light that shines on little, and
 /// brightly, counts no more than others. All are scaled to the same energy, a mean square of one on the cloud.
 pub(super) struct LightPrior {
+    /// `E`: the expected radiance of each gather sample, whatever its colour, over the mean of those of surfaces. Light is
+    /// told as a multiple of it.
+    pub(super) expected: Vec<f32>,
     /// `D`: the expected magnitude of each Haar coefficient, all channels; its mean square is one. Learned, or what another
-    /// [`Selection`] puts in its place.
+    /// [`Selection`](super::Selection) puts in its place.
     pub(super) magnitudes: Vec<f32>,
     /// `C`: the grey coefficients of the training lights over `D`. Row after row, a row a coefficient, a column a light.
     pub(super) training: Vec<f32>,
@@ -36,13 +40,19 @@ pub(super) struct LightPrior {
 
 /// Random lights that all that shines in the scene counts as much as, together: it is known, where they are guesses.
 const SHINING: f64 = 24.0;
+/// What light from elsewhere adds to the expected radiance of a surface of mean albedo, as a share of the mean.
+const ELSEWHERE: f32 = 0.05;
+/// The least expected radiance, as a share of the mean: nothing is thought to stay dark.
+const LEAST_EXPECTED: f32 = 0.02;
 /// One light in so many is held out: the last ones.
 const HELD_OUT: usize = 4;
 /// Most lights that are held out. Each costs a product with all rows.
 const MOST_HELD_OUT: usize = 48;
 
 /// How far a prior has learned.
-struct Lessons {
+struct Lessons<'a> {
+    /// `E^-1`.
+    inverse: &'a [f32],
     /// Grey coefficients of each light.
     grey: Vec<Vec<f32>>,
     /// Sum over lights of the squares of each coefficient, all channels.
@@ -50,20 +60,17 @@ struct Lessons {
 }
 
 impl LightPrior {
-    /// Learns from `lights` on the cloud, with their bounces where a bounce operator is given and how often to apply it. `selection` says
-    /// whether magnitudes are learned as well.
+    /// Learns from `lights` on the cloud, with their bounces where a bounce operator is given and how often to apply it. By `settings`
+    /// magnitudes are learned as well or not; the Haar encodings, which are the paper's, take light as it is.
     pub(super) fn new(
         cloud: &GatherCloud,
         lights: &Training,
-        selection: Selection,
+        settings: &Settings,
         bounce: Option<(&Operator, u32)>,
         progress: &dyn Progress,
     ) -> Result<Self> {
         let count = cloud.len();
         let albedo: Vec<Vec3> = cloud.samples.iter().map(|sample| sample.albedo).collect();
-        let mut lessons = Lessons { grey: Vec::new(), variance: vec![0.0; count] };
-        // light from everywhere: a closed room under an even sky, and what is left where no lamp shines on anything
-        lessons.learn(&vec![Vec3::ONE; count], 1.0);
         let mut held = Vec::new();
         let alike = lights.alike.len();
         let first_held = alike - alike.div_ceil(HELD_OUT).min(MOST_HELD_OUT);
@@ -81,6 +88,14 @@ impl LightPrior {
                 None => light,
             }
         };
+        let expected = match settings.encoding {
+            Encoding::LowRank => expected_radiance(cloud, &arrives(&lights.anywhere), &lights.shining),
+            Encoding::HaarRows | Encoding::HaarBlocks => vec![1.0; count],
+        };
+        let inverse: Vec<f32> = expected.iter().map(|expected| 1.0 / expected).collect();
+        let mut lessons = Lessons { inverse: &inverse, grey: Vec::new(), variance: vec![0.0; count] };
+        // light from everywhere: a closed room under an even sky, and what is left where no lamp shines on anything
+        lessons.learn(&vec![Vec3::ONE; count], 1.0);
         for shining in &lights.shining {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
@@ -95,15 +110,15 @@ impl LightPrior {
             if index < first_held {
                 lessons.learn(&light, 1.0);
             } else {
-                held.extend(scaled(&light).map(|(_, grey)| grey));
+                held.extend(scaled(&light, &inverse).map(|(_, grey)| grey));
                 if index < alike {
                     held_alike = held.len();
                 }
             }
             progress.advance(1);
         }
-        let Lessons { grey, variance } = lessons;
-        let magnitudes = selection.unlearned(count).unwrap_or_else(|| magnitudes(&variance));
+        let Lessons { grey, variance, .. } = lessons;
+        let magnitudes = settings.selection().unlearned(count).unwrap_or_else(|| magnitudes(&variance));
         Ok(Self {
             training: columns(&grey, &magnitudes),
             lights: grey.len(),
@@ -111,14 +126,15 @@ impl LightPrior {
             held_lights: held.len(),
             held_alike,
             magnitudes,
+            expected,
         })
     }
 }
 
-impl Lessons {
+impl Lessons<'_> {
     /// `weight` is how many lights it counts as.
     fn learn(&mut self, light: &[Vec3], weight: f64) {
-        let Some((shares, mut grey)) = scaled(light) else { return };
+        let Some((shares, mut grey)) = scaled(light, self.inverse) else { return };
         for (variance, share) in self.variance.iter_mut().zip(shares) {
             *variance += weight * share;
         }
@@ -129,8 +145,8 @@ impl Lessons {
 
 /// The share of a light's energy in each coefficient, all channels, and its grey coefficients, scaled to the energy that all lights
 /// have. `None` for one that meets nothing: it teaches nothing.
-fn scaled(light: &[Vec3]) -> Option<(Vec<f64>, Vec<f32>)> {
-    let coefficients = Coefficients::new(light, &[]);
+fn scaled(light: &[Vec3], inverse: &[f32]) -> Option<(Vec<f64>, Vec<f32>)> {
+    let coefficients = Coefficients::new(light, inverse, &[]);
     let squares = |rgb: &[f32; 3]| rgb.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>();
     let mut shares: Vec<f64> = coefficients.as_slice().iter().map(squares).collect();
     let energy: f64 = shares.iter().sum();
@@ -141,6 +157,28 @@ fn scaled(light: &[Vec3]) -> Option<(Vec<f64>, Vec<f32>)> {
     let scale = (light.len() as f64 / (3.0 * energy)).sqrt() as f32;
     let grey = coefficients.as_slice().iter().map(|rgb| scale * rgb.iter().sum::<f32>());
     Some((shares, grey.collect()))
+}
+
+/// `E` from light of lamps anywhere, up to a common factor. What they leave dark may be lit otherwise, and then as brightly as it reflects. The sky is expected
+/// to be as bright as the surfaces in the mean, and so is at least, whatever it reflects, the brightest place of what shines.
+fn expected_radiance(cloud: &GatherCloud, lights: &[Vec3], shining: &[Vec<f32>]) -> Vec<f32> {
+    let surfaces = cloud.surfaces();
+    let mean = |values: &mut dyn Iterator<Item = Vec3>| {
+        let sum: f64 = values.map(|rgb| f64::from(rgb.element_sum())).sum();
+        (sum / surfaces.len().max(1) as f64).max(1e-30) as f32
+    };
+    let brightness = mean(&mut lights[..surfaces.len()].iter().copied());
+    let albedo = mean(&mut surfaces.iter().map(|sample| sample.albedo));
+    let expected = |(sample, light): (&GatherSample, &Vec3)| {
+        let elsewhere = ELSEWHERE * sample.albedo.element_sum() / albedo;
+        (light.element_sum() / brightness + elsewhere).max(LEAST_EXPECTED)
+    };
+    let mut expected: Vec<f32> = surfaces.iter().zip(lights).map(expected).collect();
+    expected.resize(cloud.len(), 1.0);
+    for share in shining {
+        expected.iter_mut().zip(share).for_each(|(expected, &share)| *expected = expected.max(share));
+    }
+    expected
 }
 
 /// `D` from the sum over lights of the squares of each coefficient.
@@ -169,4 +207,96 @@ fn columns(lights: &[Vec<f32>], magnitudes: &[f32]) -> Vec<f32> {
         columns.extend(lights.iter().map(|light| light[index] / magnitude));
     }
     columns
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::SkyCells;
+    use crate::trace::sampling::{hash, unit};
+    use bytemuck::Zeroable;
+
+    const COUNT: usize = 1024;
+
+    /// Light and dark surfaces in no order.
+    fn albedo(sample: usize) -> f32 {
+        if hash(sample as u32, 3).is_multiple_of(2) { 0.9 } else { 0.1 }
+    }
+
+    fn cloud() -> GatherCloud {
+        let sample = |sample| GatherSample { albedo: Vec3::splat(albedo(sample)), ..GatherSample::zeroed() };
+        GatherCloud { samples: (0..COUNT).map(sample).collect(), ..GatherCloud::default() }
+    }
+
+    /// Lamps whose light grows and fades along the cloud, as surfaces reflect it; none is to be expected at those of `dark`.
+    fn lights(count: u32, dark: impl Fn(usize) -> bool) -> Training {
+        let lamp = |lamp: u32| {
+            let (middle, width) = (unit(hash(lamp, 1)), 0.1 + 0.4 * unit(hash(lamp, 2)));
+            let off = |place: usize| (place as f32 / COUNT as f32 - middle) / width;
+            (0..COUNT).map(|place| albedo(place) / (1.0 + off(place).powi(2))).collect()
+        };
+        let anywhere = |place| if dark(place) { 0.0 } else { albedo(place) };
+        Training {
+            alike: (0..count).map(lamp).collect(),
+            anywhere: (0..COUNT).map(anywhere).collect(),
+            ..Training::default()
+        }
+    }
+
+    fn prior(lights: &Training, encoding: Encoding) -> LightPrior {
+        let settings =
+            Settings { encoding, selection: Some(super::super::Selection::Prior), ..Settings::default() };
+        LightPrior::new(&cloud(), lights, &settings, None, &()).unwrap()
+    }
+
+    /// The share of the lights that nothing was learned from in the finest details.
+    fn finest(prior: &LightPrior) -> f64 {
+        let row = |index: usize| &prior.held[index * prior.held_lights..][..prior.held_lights];
+        let energy = |index: usize| -> f64 {
+            let all = row(index).iter().map(|value| f64::from(value * prior.magnitudes[index]).powi(2));
+            all.sum()
+        };
+        let total: f64 = (0..COUNT).map(energy).sum();
+        (COUNT / 4..COUNT).map(energy).sum::<f64>() / total
+    }
+
+    #[test]
+    fn what_surfaces_always_reflect_takes_no_details() {
+        let lights = lights(40, |_| false);
+        let plain = finest(&prior(&lights, Encoding::HaarRows));
+        let told = finest(&prior(&lights, Encoding::LowRank));
+        assert!(plain > 0.2, "as light is, details hold {plain} of it");
+        assert!(told < 0.01 * plain, "as a multiple of what is expected {told}, for {plain}");
+    }
+
+    #[test]
+    fn nothing_is_thought_to_stay_dark_and_the_sky_is_as_bright_as_the_rest() {
+        let dark = |place: usize| place < COUNT / 2;
+        let prior = prior(&lights(40, dark), Encoding::LowRank);
+        let mean = |places: std::ops::Range<usize>| {
+            let length = places.len() as f32;
+            prior.expected[places].iter().sum::<f32>() / length
+        };
+        let (below, above) = (mean(0..COUNT / 2), mean(COUNT / 2..COUNT));
+        assert!((below - ELSEWHERE).abs() < 0.2 * ELSEWHERE && above > 1.8, "{below} and {above}");
+        assert!(prior.expected.iter().all(|&expected| expected >= LEAST_EXPECTED));
+        let black = GatherCloud { samples: vec![GatherSample::zeroed(); COUNT], ..GatherCloud::default() };
+        let none = expected_radiance(&black, &[Vec3::ZERO; COUNT], &[]);
+        assert!(none.iter().all(|&expected| expected == LEAST_EXPECTED));
+        let sky = GatherCloud {
+            sky: SkyCells::from_starts((0..64).map(|cell| cell << 26).collect()).unwrap(),
+            ..cloud()
+        };
+        let open = expected_radiance(&sky, &[Vec3::ONE; COUNT], &[]);
+        assert!(open[COUNT - COUNT / 16..].iter().all(|&expected| expected == 1.0));
+    }
+
+    #[test]
+    fn what_shines_is_expected_to_be_bright_whatever_it_reflects() {
+        let black = GatherCloud { samples: vec![GatherSample::zeroed(); COUNT], ..GatherCloud::default() };
+        let mut lamp = vec![0.0; COUNT];
+        (lamp[7], lamp[8]) = (1.0, 0.5);
+        let expected = expected_radiance(&black, &[Vec3::ZERO; COUNT], &[lamp]);
+        assert_eq!(expected[6..10], [LEAST_EXPECTED, 1.0, 0.5, LEAST_EXPECTED]);
+    }
 }

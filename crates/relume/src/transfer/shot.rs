@@ -93,7 +93,7 @@ impl Shot<'_> {
     ) -> Result<(Computed, Computed, Option<Vec<u32>>)> {
         let (patches, bounds) = (Patches::new(cloud, map), ClusterBounds::new(cloud));
         let rows = self.rows(cloud, map, (&patches, &bounds));
-        let lights = self.training(cloud, rows.effort.training_lights, progress)?;
+        let lights = self.training((cloud, map), rows.effort.training_lights, progress)?;
         let prior = self.prior(cloud, &lights, None, progress)?;
         let bounce = rows.all_bounces(prior, progress)?;
         let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
@@ -119,7 +119,7 @@ impl Shot<'_> {
     ) -> Result<usize> {
         let (patches, bounds) = (Patches::new(cloud, map), ClusterBounds::new(cloud));
         let rows = self.rows(cloud, map, (&patches, &bounds));
-        let lights = self.training(cloud, rows.effort.training_lights, progress)?;
+        let lights = self.training((cloud, map), rows.effort.training_lights, progress)?;
         let prior = self.prior(cloud, &lights, None, progress)?;
         let share = |part: Part| {
             move |plan: Plan<'_>, blocks: &Blocks| {
@@ -152,11 +152,16 @@ impl Shot<'_> {
     }
 
     /// Light on the cloud to learn from; none where nothing is learned.
-    fn training(&self, cloud: &GatherCloud, count: usize, progress: &dyn Progress) -> Result<Training> {
+    fn training(
+        &self,
+        (cloud, map): (&GatherCloud, &CellMap),
+        count: usize,
+        progress: &dyn Progress,
+    ) -> Result<Training> {
         if !self.learns() {
             return Ok(Training::default());
         }
-        Training::new(cloud, self.accel, (count, OTHER_LIGHTS), self.settings.seed, progress)
+        Training::new((cloud, map), self.accel, (count, OTHER_LIGHTS), self.settings.seed, progress)
     }
 
     fn prior(
@@ -172,7 +177,7 @@ impl Shot<'_> {
         let times = self.settings.multibounce.times_to_learn();
         let bounce = bounce.map(|operator| (operator, times));
         progress.stage("light prior", (lights.alike.len() + lights.others.len()) as u64);
-        LightPrior::new(cloud, lights, self.settings.selection(), bounce, progress).map(Some)
+        LightPrior::new(cloud, lights, self.settings, bounce, progress).map(Some)
     }
 }
 

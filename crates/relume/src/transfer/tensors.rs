@@ -35,6 +35,7 @@ impl<'a> Tensors<'a> {
 
     pub(super) fn add_operator(&mut self, name: &str, operator: &'a Operator) {
         let part = |part: &str| format!("{name}.{part}");
+        self.add(&part("sample_weights"), Dtype::F32, &[], &operator.sample_weights);
         self.add(&part("weights"), Dtype::F32, &[], &operator.weights);
         match &operator.matrix {
             Matrix::LowRank(matrix) => {

@@ -271,6 +271,26 @@ fn a_view_of_nothing_is_refused() {
     }
 }
 
+/// The same, with weights of light that are too few or no numbers.
+#[test]
+fn weights_that_cannot_be_are_refused() {
+    let transfer = small(Encoding::LowRank);
+    let weights = [&transfer.gather.sample_weights, &transfer.gather.weights].map(|weights| weights.to_vec());
+    assert_eq!(weights.each_ref().map(Vec::len), [transfer.cloud.len(); 2]);
+    for which in 0..2 {
+        let [mut few, mut none] = [weights[which].clone(), weights[which].clone()];
+        few.pop();
+        none[100] = f32::NAN;
+        for changed in [few, none] {
+            let mut altered = transfer.clone();
+            *[&mut altered.gather.sample_weights, &mut altered.gather.weights][which] = changed.into();
+            let saved = Saved::new(&altered);
+            let sentence = saved.refusal(&saved.bytes, "weights that cannot be");
+            assert!(sentence.contains("gather"), "{sentence}");
+        }
+    }
+}
+
 /// The same, with a sky that is no division of the sphere, or larger than the cloud.
 #[test]
 fn skies_that_cannot_be_are_refused() {

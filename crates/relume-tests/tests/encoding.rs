@@ -20,8 +20,14 @@ fn a_budget_is_spent_and_kept() {
     let budgets = [0.04, 0.08, 0.16];
     let transfers = budgets.map(with);
     let told = transfers.each_ref().map(|transfer| transfer.report.gather_error);
-    let bytes = transfers.each_ref().map(|transfer| transfer.gather.bytes());
-    println!("told {told:.4?}, bytes {bytes:?}");
+    let bounced = transfers.each_ref().map(|transfer| transfer.report.bounce_error.expected);
+    let bytes = transfers.each_ref().map(|transfer| [transfer.gather.bytes(), transfer.bounce.bytes()]);
+    println!("told {told:.4?}, of bounces {bounced:.4?}, bytes {bytes:?}");
+    for (budget, bounced) in budgets.into_iter().zip(bounced) {
+        let share = bounced.expect("lights reach the arcade") / f64::from(3.0 * budget);
+        // at the highest price so small a cloud loses less than 48%
+        assert!(share < 1.2 && (share > 0.8 || budget == 0.16), "bounces lose {share} of 3 times {budget}");
+    }
     for (budget, told) in budgets.into_iter().zip(told) {
         let expected = told.expected.expect("lights reach the arcade");
         assert!((expected / f64::from(budget) - 1.0).abs() < 0.2, "{expected} instead of {budget}");
@@ -29,7 +35,9 @@ fn a_budget_is_spent_and_kept() {
         let others = told.other_lights.expect("other lights do too");
         assert!(others > 0.5 * expected && others < 3.0 * expected, "{others} beside {expected}");
     }
-    assert!(bytes[0] > bytes[1] && bytes[1] > bytes[2]);
+    for part in 0..2 {
+        assert!(bytes[0][part] > bytes[1][part] && bytes[1][part] > bytes[2][part]);
+    }
 }
 
 #[test]

@@ -26,7 +26,7 @@ use crate::atomic::builder as temporary_file;
 use crate::{Error, Result};
 
 /// To be raised whenever the same settings give other blocks, so that none are mixed.
-const MADE: u32 = 3;
+const MADE: u32 = 4;
 const MAGIC: &[u8; 8] = b"relumebl";
 const PLACE: usize = 13;
 const RECORD: usize = PLACE + 8;

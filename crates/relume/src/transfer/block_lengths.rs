@@ -21,7 +21,7 @@ const PARTS: usize = 4;
 /// more, at four percent fewer bytes; trying all takes longer and gains little.
 const ALIKE: usize = 64;
 
-/// Encodes a run of `rows` rows of weighted coefficients (`X = F W^T D`), row after row, as one block or several.
+/// Encodes a run of `rows` rows of weighted coefficients (`X = F E W^T D`), row after row, as one block or several.
 pub(super) fn encode(x: &[f32], rows: usize, settings: &LowRankSettings, prior: &LightPrior) -> Vec<Encoded> {
     let run = Run::new(x, rows, settings, prior);
     let blocks = worth_most(&run, 0..rows, Draft::new(&run.part(0..rows)));

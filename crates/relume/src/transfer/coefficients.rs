@@ -12,14 +12,14 @@ pub struct Coefficients {
 }
 
 impl Coefficients {
-    /// The coefficients of `light` (one RGB a gather sample, tree order), of which each sample counts as often as its entry in
-    /// `samples` says; each times `weights`' entry. Empty slices stand for ones.
+    /// The coefficients of `light`, one RGB a gather sample, in tree order: each sample times its entry in `sample_weights` (`E^-1`), and each coefficient of
+    /// that times its entry in `weights` (`D^-1`). Empty slices stand for ones.
     ///
     /// # Panics
-    /// If `light` is no power of four long, or `samples` of another length.
-    pub fn new(light: &[Vec3], samples: &[f32], weights: &[f32]) -> Self {
+    /// If `light` is no power of four long, or `sample_weights` of another length.
+    pub fn new(light: &[Vec3], sample_weights: &[f32], weights: &[f32]) -> Self {
         let mut values = vec![[0.0; 3]; light.len() + 1];
-        haar::forward_rgb(light, samples, &mut values[..light.len()]);
+        haar::forward_rgb(light, sample_weights, &mut values[..light.len()]);
         for (value, weight) in values.iter_mut().zip(weights) {
             *value = value.map(|channel| channel * weight);
         }

@@ -4,7 +4,8 @@
 //! operators fall into *parts*, as small as each encoding can leave out with gain: blocks of an image, columns, runs of
 //! coefficients of a block. What a part adds is its norm times the light on it. A part is left out where that, squared, is at most
 //! `epsilon^2` of the mean over all parts. If parts were independent, what is left out would never be more than `epsilon` of the
-//! result in the relative L2 norm; mostly it is far less. Being relative to the result of the one light it is applied to, it does not
+//! result in the relative L2 norm; mostly it is far less. Those of `low-rank` are not, and are held to a third of it
+//! (`Operator::apply_coefficients`). Being relative to the result of the one light it is applied to, it does not
 //! depend on how bright that is, and changes slowly as that moves.
 
 use rayon::prelude::*;

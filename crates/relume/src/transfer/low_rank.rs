@@ -1,6 +1,6 @@
 //! `low-rank`, the default encoding: each block of rows shares one fine basis.
 //!
-//! `F_b ~= U_b V_b D^-1 W`: `W` the Haar transform, `D` the expected magnitude of light's coefficients, `V_b` the block's
+//! `F_b ~= U_b V_b D^-1 W E^-1`: `E` the expected radiance of each gather sample, `W` the Haar transform, `D` the expected magnitude of light's coefficients, `V_b` the block's
 //! strongest directions in that weighted space cut to its most important coefficients, `U_b` the weights of each row. Both are
 //! quantised in equal steps of what they do to a row, in as few bits as that takes (`packed_runs`). This is clustered
 //! principal component analysis (Huang and Ramamoorthi 2010) in the wavelet basis of Hasan 2006. How it is found is in
@@ -169,7 +169,7 @@ impl LowRank {
         self.shapes.iter().map(|shape| shape.rows as usize).sum()
     }
 
-    /// `out = F g`, for all rows in block order, from the weighted coefficients `D^-1 W g`, without runs of coefficients that `cut`
+    /// `out = F g`, for all rows in block order, from the weighted coefficients `D^-1 W E^-1 g`, without runs of coefficients that `cut`
     /// calls faint.
     pub(super) fn apply(&self, coefficients: &Coefficients, cut: Option<Cut<'_>>, out: &mut [Vec3]) -> Work {
         self.parts(out).into_par_iter().map(|part| part.apply(self, coefficients, cut)).sum()

@@ -1,8 +1,8 @@
 //! Finding the basis of a block of rows: the encoder of [`low_rank`](super::low_rank).
 //!
-//! What light can be is known in two ways. Each Haar coefficient has its magnitude `D` by itself; and some hundred *training
+//! What light can be, over what is expected of it, is known in two ways. Each Haar coefficient has its magnitude `D` by itself; and some hundred *training
 //! lights* say how coefficients go together. Their covariance, in units of `D`, is taken as `S = (1 - a) I + a C C^T / L`, with
-//! a column of `C` for each of `L` lights. For a block `X = F W^T D`:
+//! a column of `C` for each of `L` lights. For a block `X = F E W^T D`:
 //!
 //! - The directions are the strongest of `X S X^T`: noise in the rows, which is strong in `X X^T`, answers to no real light.
 //! - As many are kept, and as many coefficients of them, as bring more light than they cost in bytes.

@@ -32,12 +32,12 @@ const STRIP: usize = 256;
 const SUMMED: usize = 1024;
 
 /// Coefficients whose responses are computed together.
-const HEARD_TOGETHER: usize = 4096;
+pub(super) const HEARD_TOGETHER: usize = 4096;
 /// A coefficient of which all rows together have less than this share of what a candidate must have does not count in responses. Each of those in between is next
 /// to nothing, but of a floor's light they are several percent together.
 const INAUDIBLE: f64 = 0.05;
 
-/// A run of rows of weighted coefficients (`X = F W^T D`), cut to the coefficients that the search looks at.
+/// A run of rows of weighted coefficients (`X = F E W^T D`), cut to the coefficients that the search looks at.
 pub(super) struct Run {
     /// The numbers of these, ascending.
     pub(super) candidates: Vec<u32>,
@@ -225,8 +225,8 @@ fn compacted(x: &[f32], count: usize, candidates: &[u32]) -> Vec<f32> {
 }
 
 /// The rows `which` of a matrix of `columns` columns.
-pub(super) fn rows_of(values: &[f32], columns: usize, which: impl Iterator<Item = u32>) -> Vec<f32> {
-    let mut picked = Vec::new();
+pub(super) fn rows_of(values: &[f32], columns: usize, which: impl ExactSizeIterator<Item = u32>) -> Vec<f32> {
+    let mut picked = Vec::with_capacity(which.len() * columns);
     for row in which {
         picked.extend_from_slice(&values[row as usize * columns..(row as usize + 1) * columns]);
     }

@@ -36,6 +36,7 @@ mod multibounce;
 mod needs;
 mod occluders;
 mod operator;
+mod outlook;
 mod packed_runs;
 mod paper_rows;
 mod photons;

@@ -4,6 +4,7 @@
 
 use super::effort::{bounce_block, receiver_block};
 use super::low_rank::LowRankSettings;
+use super::low_rank_run::HEARD_TOGETHER;
 use super::rows::CHUNK;
 use super::{Encoding, Multibounce, Settings};
 use crate::scene::Scene;
@@ -60,10 +61,11 @@ impl BlockNeeds {
         let candidates = (3 * settings.kept / 2).min(count);
         let width = (settings.rank + 8).min(rows);
         let (kept, weights) = (settings.kept.min(count), settings.rank.min(rows) * rows);
-        // the run cut to the candidates, and a block of it to those that are kept, with their responses; what was learned of both; how rows go
+        let cut = settings.kept.max(HEARD_TOGETHER).min(count);
+        // the run cut to the candidates, and a block of it to those that are kept, or those that are heard together, with their responses; what was learned of both; how rows go
         // together, in double precision, and a part of that product; directions along all candidates, and along those that are kept: one block's as
         // they are made and as they are quantised, and those of what it may be parted into; bases, in double precision
-        let values = rows * (candidates + kept + lights)
+        let values = rows * (candidates + cut + lights)
             + 2 * candidates * lights
             + 3 * rows * rows
             + width * candidates

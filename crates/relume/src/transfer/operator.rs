@@ -136,7 +136,7 @@ impl Operator {
     }
 
     /// `F g` from [`Self::coefficients`], without parts that add next to nothing: those whose square is at
-    /// most `epsilon`'s of the mean over all parts, as Hasan 2006 (section 3.5) has it but for what `epsilon` is relative to. 0 leaves
+    /// most `epsilon`'s of the mean over all parts (of `low-rank`, a third of `epsilon`'s), as Hasan 2006 (section 3.5) has it but for what `epsilon` is relative to. 0 leaves
     /// out nothing. Returns how much there was to do.
     ///
     /// # Panics

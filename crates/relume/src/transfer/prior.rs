@@ -7,10 +7,11 @@
 
 use glam::Vec3;
 
+use super::outlook::Outlook;
 use super::training::Training;
 use super::{Coefficients, Encoding, Operator, Settings, bounces, haar};
 use crate::progress::Progress;
-use crate::sample::{GatherCloud, GatherSample};
+use crate::sample::GatherCloud;
 use crate::{Error, Result};
 
 /// Share of a coefficient's own measured variance in its prior; the rest is the mean of its level, so that a
@@ -18,9 +19,9 @@ use crate::{Error, Result};
 const OWN_SHARE: f64 = 0.6;
 
 /// What is known of light on the cloud before a lamp is set. Errors are relative to each image: a light that shines on little, and
-/// brightly, counts no more than others. All are scaled to the same energy, a mean square of one on the cloud.
+/// brightly, counts no more than others. All are scaled to the same energy, a mean square of one on the cloud as multiples of what is expected.
 pub(super) struct LightPrior {
-    /// `E`: the expected radiance of each gather sample, whatever its colour, over the mean of those of surfaces. Light is
+    /// `E`: the expected radiance of each gather sample, whatever its base colour is changed to, over the mean of those of surfaces. Light is
     /// told as a multiple of it.
     pub(super) expected: Vec<f32>,
     /// `D`: the expected magnitude of each Haar coefficient, all channels; its mean square is one. Learned, or what another
@@ -64,7 +65,7 @@ impl LightPrior {
     /// magnitudes are learned as well or not; the Haar encodings, which are the paper's, take light as it is.
     pub(super) fn new(
         cloud: &GatherCloud,
-        lights: &Training,
+        (lights, outlook): (&Training, &Outlook),
         settings: &Settings,
         bounce: Option<(&Operator, u32)>,
         progress: &dyn Progress,
@@ -89,7 +90,7 @@ impl LightPrior {
             }
         };
         let expected = match settings.encoding {
-            Encoding::LowRank => expected_radiance(cloud, &arrives(&lights.anywhere), &lights.shining),
+            Encoding::LowRank => expected_radiance(outlook, &arrives(&outlook.anywhere)),
             Encoding::HaarRows | Encoding::HaarBlocks => vec![1.0; count],
         };
         let inverse: Vec<f32> = expected.iter().map(|expected| 1.0 / expected).collect();
@@ -159,25 +160,23 @@ fn scaled(light: &[Vec3], inverse: &[f32]) -> Option<(Vec<f64>, Vec<f32>)> {
     Some((shares, grey.collect()))
 }
 
-/// `E` from light of lamps anywhere, up to a common factor. What they leave dark may be lit otherwise, and then as brightly as it reflects. The sky is expected
-/// to be as bright as the surfaces in the mean, and so is at least, whatever it reflects, the brightest place of what shines.
-fn expected_radiance(cloud: &GatherCloud, lights: &[Vec3], shining: &[Vec<f32>]) -> Vec<f32> {
-    let surfaces = cloud.surfaces();
-    let mean = |values: &mut dyn Iterator<Item = Vec3>| {
-        let sum: f64 = values.map(|rgb| f64::from(rgb.element_sum())).sum();
-        (sum / surfaces.len().max(1) as f64).max(1e-30) as f32
+/// `E`, from the light of lamps anywhere with its bounces, up to a common factor. What they leave dark may be lit otherwise, and then as brightly as it reflects. The
+/// sky is expected to be as bright as the surfaces in the mean, and so is at least, whatever it reflects, the brightest place of what shines.
+fn expected_radiance(outlook: &Outlook, lights: &[Vec3]) -> Vec<f32> {
+    let surfaces = outlook.albedo.len();
+    let mean = |values: &mut dyn Iterator<Item = f32>| {
+        let sum: f64 = values.map(f64::from).sum();
+        (sum / surfaces.max(1) as f64).max(1e-30) as f32
     };
-    let brightness = mean(&mut lights[..surfaces.len()].iter().copied());
-    let albedo = mean(&mut surfaces.iter().map(|sample| sample.albedo));
-    let expected = |(sample, light): (&GatherSample, &Vec3)| {
-        let elsewhere = ELSEWHERE * sample.albedo.element_sum() / albedo;
-        (light.element_sum() / brightness + elsewhere).max(LEAST_EXPECTED)
+    let brightness = mean(&mut lights[..surfaces].iter().map(|rgb| rgb.element_sum()));
+    let albedo = mean(&mut outlook.albedo.iter().copied());
+    let expected = |(own, light): (&f32, &Vec3)| {
+        (light.element_sum() / brightness + ELSEWHERE * own / albedo).max(LEAST_EXPECTED)
     };
-    let mut expected: Vec<f32> = surfaces.iter().zip(lights).map(expected).collect();
-    expected.resize(cloud.len(), 1.0);
-    for share in shining {
-        expected.iter_mut().zip(share).for_each(|(expected, &share)| *expected = expected.max(share));
-    }
+    let mut expected: Vec<f32> = outlook.albedo.iter().zip(lights).map(expected).collect();
+    expected.resize(lights.len(), 1.0);
+    let shining = expected.iter_mut().zip(&outlook.shining);
+    shining.for_each(|(expected, &share)| *expected = expected.max(share));
     expected
 }
 
@@ -212,7 +211,7 @@ fn columns(lights: &[Vec<f32>], magnitudes: &[f32]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::SkyCells;
+    use crate::sample::GatherSample;
     use crate::trace::sampling::{hash, unit};
     use bytemuck::Zeroable;
 
@@ -229,24 +228,25 @@ mod tests {
     }
 
     /// Lamps whose light grows and fades along the cloud, as surfaces reflect it; none is to be expected at those of `dark`.
-    fn lights(count: u32, dark: impl Fn(usize) -> bool) -> Training {
+    fn lights(count: u32, dark: impl Fn(usize) -> bool) -> (Training, Outlook) {
         let lamp = |lamp: u32| {
             let (middle, width) = (unit(hash(lamp, 1)), 0.1 + 0.4 * unit(hash(lamp, 2)));
             let off = |place: usize| (place as f32 / COUNT as f32 - middle) / width;
             (0..COUNT).map(|place| albedo(place) / (1.0 + off(place).powi(2))).collect()
         };
         let anywhere = |place| if dark(place) { 0.0 } else { albedo(place) };
-        Training {
-            alike: (0..count).map(lamp).collect(),
+        let outlook = Outlook {
+            albedo: (0..COUNT).map(albedo).collect(),
             anywhere: (0..COUNT).map(anywhere).collect(),
-            ..Training::default()
-        }
+            shining: Vec::new(),
+        };
+        (Training { alike: (0..count).map(lamp).collect(), ..Training::default() }, outlook)
     }
 
-    fn prior(lights: &Training, encoding: Encoding) -> LightPrior {
+    fn prior((lights, outlook): &(Training, Outlook), encoding: Encoding) -> LightPrior {
         let settings =
             Settings { encoding, selection: Some(super::super::Selection::Prior), ..Settings::default() };
-        LightPrior::new(&cloud(), lights, &settings, None, &()).unwrap()
+        LightPrior::new(&cloud(), (lights, outlook), &settings, None, &()).unwrap()
     }
 
     /// The share of the lights that nothing was learned from in the finest details.
@@ -258,6 +258,10 @@ mod tests {
         };
         let total: f64 = (0..COUNT).map(energy).sum();
         (COUNT / 4..COUNT).map(energy).sum::<f64>() / total
+    }
+
+    fn black() -> Outlook {
+        Outlook { albedo: vec![0.0; COUNT], ..Outlook::default() }
     }
 
     #[test]
@@ -280,23 +284,19 @@ mod tests {
         let (below, above) = (mean(0..COUNT / 2), mean(COUNT / 2..COUNT));
         assert!((below - ELSEWHERE).abs() < 0.2 * ELSEWHERE && above > 1.8, "{below} and {above}");
         assert!(prior.expected.iter().all(|&expected| expected >= LEAST_EXPECTED));
-        let black = GatherCloud { samples: vec![GatherSample::zeroed(); COUNT], ..GatherCloud::default() };
-        let none = expected_radiance(&black, &[Vec3::ZERO; COUNT], &[]);
+        let none = expected_radiance(&black(), &[Vec3::ZERO; COUNT]);
         assert!(none.iter().all(|&expected| expected == LEAST_EXPECTED));
-        let sky = GatherCloud {
-            sky: SkyCells::from_starts((0..64).map(|cell| cell << 26).collect()).unwrap(),
-            ..cloud()
-        };
-        let open = expected_radiance(&sky, &[Vec3::ONE; COUNT], &[]);
-        assert!(open[COUNT - COUNT / 16..].iter().all(|&expected| expected == 1.0));
+        let surfaces = COUNT - COUNT / 16;
+        let open = Outlook { albedo: (0..surfaces).map(albedo).collect(), ..Outlook::default() };
+        let open = expected_radiance(&open, &[Vec3::ONE; COUNT]);
+        assert!(open.len() == COUNT && open[surfaces..].iter().all(|&expected| expected == 1.0));
     }
 
     #[test]
     fn what_shines_is_expected_to_be_bright_whatever_it_reflects() {
-        let black = GatherCloud { samples: vec![GatherSample::zeroed(); COUNT], ..GatherCloud::default() };
         let mut lamp = vec![0.0; COUNT];
         (lamp[7], lamp[8]) = (1.0, 0.5);
-        let expected = expected_radiance(&black, &[Vec3::ZERO; COUNT], &[lamp]);
+        let expected = expected_radiance(&Outlook { shining: lamp, ..black() }, &[Vec3::ZERO; COUNT]);
         assert_eq!(expected[6..10], [LEAST_EXPECTED, 1.0, 0.5, LEAST_EXPECTED]);
     }
 }

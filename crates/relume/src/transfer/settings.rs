@@ -40,7 +40,7 @@ pub struct Settings {
     /// How operators are stored.
     pub encoding: Encoding,
     /// What the encoding of the diffuse final gather may lose, relative to all light, 0.001 to 1, of `low-rank`; `None` is what `quality` spends
-    /// bytes for. Reflections are stored at the same price of a byte.
+    /// bytes for. The bounces may lose three times as much; reflections are stored at the final gather's price of a byte.
     pub error: Option<f32>,
     /// By what an encoding chooses the coefficients that it keeps; `None` stands for its own way ([`Encoding::selection`]).
     pub selection: Option<Selection>,

@@ -11,6 +11,7 @@ use super::form_factors::Patches;
 use super::gathering::Gathering;
 use super::low_rank::LowRankSettings;
 use super::memory::Memory;
+use super::outlook::Outlook;
 use super::paper_rows::{ClusterBounds, PaperRows};
 use super::photons::PhotonSource;
 use super::prior::LightPrior;
@@ -36,6 +37,8 @@ const RECORD_STANDS_FOR: usize = 4;
 const BOUNCE_SEED: u32 = 0x5bd1_e995;
 /// Coefficients a row of the paper's multi-bounce matrix, as a share of the final gather's: 40 of 100.
 const PAPER_BOUNCE_SHARE: f64 = 0.4;
+/// How many times as much as the final gather the bounces may lose, which reach the picture by way of it alone.
+const BOUNCES_LOSE: f32 = 3.0;
 
 /// What all stages read.
 pub(super) struct Shot<'a> {
@@ -93,11 +96,11 @@ impl Shot<'_> {
     ) -> Result<(Computed, Computed, Option<Vec<u32>>)> {
         let (patches, bounds) = (Patches::new(cloud, map), ClusterBounds::new(cloud));
         let rows = self.rows(cloud, map, (&patches, &bounds));
-        let lights = self.training((cloud, map), rows.effort.training_lights, progress)?;
-        let prior = self.prior(cloud, &lights, None, progress)?;
+        let learned = self.learn((cloud, map), rows.effort.training_lights, progress)?;
+        let prior = self.prior(cloud, &learned, None, progress)?;
         let bounce = rows.all_bounces(prior, progress)?;
-        let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
-        drop(lights);
+        let prior = self.prior(cloud, &learned, Some(&bounce.operator), progress)?;
+        drop(learned);
         let (gather, numbers) =
             rows.final_gather(receivers, prior, progress, |plan, blocks, gathering| {
                 progress.stage(Part::FinalGather.name(), blocks.points.len() as u64);
@@ -119,8 +122,8 @@ impl Shot<'_> {
     ) -> Result<usize> {
         let (patches, bounds) = (Patches::new(cloud, map), ClusterBounds::new(cloud));
         let rows = self.rows(cloud, map, (&patches, &bounds));
-        let lights = self.training((cloud, map), rows.effort.training_lights, progress)?;
-        let prior = self.prior(cloud, &lights, None, progress)?;
+        let learned = self.learn((cloud, map), rows.effort.training_lights, progress)?;
+        let prior = self.prior(cloud, &learned, None, progress)?;
         let share = |part: Part| {
             move |plan: Plan<'_>, blocks: &Blocks| {
                 compute::compute_share(plan, (part, blocks), self.finished, shard, progress)
@@ -130,8 +133,8 @@ impl Shot<'_> {
             return rows.bounces(prior, progress, |plan, (blocks, _), _| share(Part::Bounces)(plan, blocks));
         }
         let bounce = rows.all_bounces(prior, progress)?;
-        let prior = self.prior(cloud, &lights, Some(&bounce.operator), progress)?;
-        drop(lights);
+        let prior = self.prior(cloud, &learned, Some(&bounce.operator), progress)?;
+        drop(learned);
         rows.final_gather(receivers, prior, progress, |plan, blocks, _| {
             share(Part::FinalGather)(plan, blocks)
         })
@@ -151,23 +154,30 @@ impl Shot<'_> {
         self.settings.encoding == Encoding::LowRank || self.settings.selection() == Selection::Prior
     }
 
-    /// Light on the cloud to learn from; none where nothing is learned.
-    fn training(
+    /// Light on the cloud to learn from, where anything is learned, and what `low-rank` expects of it.
+    fn learn(
         &self,
         (cloud, map): (&GatherCloud, &CellMap),
         count: usize,
         progress: &dyn Progress,
-    ) -> Result<Training> {
-        if !self.learns() {
-            return Ok(Training::default());
-        }
-        Training::new((cloud, map), self.accel, (count, OTHER_LIGHTS), self.settings.seed, progress)
+    ) -> Result<(Training, Outlook)> {
+        let seed = self.settings.seed;
+        let training = if self.learns() {
+            Training::new(cloud, self.accel, (count, OTHER_LIGHTS), seed, progress)?
+        } else {
+            Training::default()
+        };
+        let outlook = match self.settings.encoding {
+            Encoding::LowRank => Outlook::new((cloud, map), self.accel, seed, progress)?,
+            Encoding::HaarRows | Encoding::HaarBlocks => Outlook::default(),
+        };
+        Ok((training, outlook))
     }
 
     fn prior(
         &self,
         cloud: &GatherCloud,
-        lights: &Training,
+        (lights, outlook): &(Training, Outlook),
         bounce: Option<&Operator>,
         progress: &dyn Progress,
     ) -> Result<Option<LightPrior>> {
@@ -177,7 +187,7 @@ impl Shot<'_> {
         let times = self.settings.multibounce.times_to_learn();
         let bounce = bounce.map(|operator| (operator, times));
         progress.stage("light prior", (lights.alike.len() + lights.others.len()) as u64);
-        LightPrior::new(cloud, lights, self.settings, bounce, progress).map(Some)
+        LightPrior::new(cloud, (lights, outlook), self.settings, bounce, progress).map(Some)
     }
 }
 
@@ -233,7 +243,7 @@ impl Rows<'_> {
         let per_row = (settings.coefficients as f64 * PAPER_BOUNCE_SHARE).ceil() as usize;
         let gathering = self.of_cloud(progress)?;
         let length = bounce_block(gathering.records());
-        let store =
+        let mut store =
             Store::new(settings, self.effort.bounce_encoding.of_blocks(length), prior, per_row, count);
         let (points, served) = gathering.rows();
         let (rows, layout) = if gathering.is_whole() {
@@ -245,18 +255,36 @@ impl Rows<'_> {
             let rows = blocks::of_receivers(&points, &served, length, seed, progress)?;
             (rows, ImageLayout::of_records(settings.size.0, points.len()))
         };
-        let plan =
-            |estimator| Plan { estimator, encoder: store.encoder(&layout), glossy: false, count, memory };
+        let finish = |estimator, rays| {
+            self.meet_budget(BOUNCES_LOSE, &mut store, (estimator, &layout, &rows), progress)?;
+            let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: false, count, memory };
+            work(plan, (&rows, &gathering), rays)
+        };
         match settings.multibounce {
-            Multibounce::Iterated => {
-                work(plan(self.estimator(self.effort.bounce_rows)), (&rows, &gathering), 0)
-            }
+            Multibounce::Iterated => finish(self.estimator(self.effort.bounce_rows), 0),
             Multibounce::Photon => {
                 let source = self.photons();
                 let photons = source.shoot(progress)?;
-                work(plan(RowEstimator::Photons(&photons)), (&rows, &gathering), photons.rays())
+                finish(RowEstimator::Photons(&photons), photons.rays())
             }
         }
+    }
+
+    /// Where so much may be lost, and no more, `store` asks for the price of a byte at which `rows` lose `times` as much.
+    fn meet_budget(
+        &self,
+        times: f32,
+        store: &mut Store,
+        (estimator, layout, rows): (RowEstimator<'_>, &ImageLayout, &Blocks),
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        if let Some(error) = self.shot.settings.error {
+            let (count, memory) = (self.patches.len(), self.shot.memory);
+            let plan = Plan { estimator, encoder: store.encoder(layout), glossy: false, count, memory };
+            let price = budget::price_for(plan, rows, f64::from(times * error), progress)?;
+            store.multiply_price(price);
+        }
+        Ok(())
     }
 
     /// The points to which light bounces. Photons are counted at each gather sample.
@@ -307,11 +335,7 @@ impl Rows<'_> {
             ImageLayout::of_records(settings.size.0, points.len())
         };
         let estimator = self.estimator(self.effort.gather_rows_of(length));
-        if let Some(error) = settings.error {
-            let plan = Plan { estimator, encoder: store.encoder(&layout), glossy: false, count, memory };
-            let price = budget::price_for(plan, &rows, f64::from(error), progress)?;
-            store.multiply_price(price);
-        }
+        self.meet_budget(1.0, &mut store, (estimator, &layout, &rows), progress)?;
         let plan =
             Plan { estimator, encoder: store.encoder(&layout), glossy: settings.glossy, count, memory };
         work(plan, &rows, &gathering)

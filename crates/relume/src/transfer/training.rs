@@ -10,8 +10,9 @@ use std::f32::consts::PI;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::outlook::{brightest, diagonal, share};
 use crate::progress::Progress;
-use crate::sample::{CellMap, Detail, GatherCloud, GatherSample, TARGETS, cloud_groups, illuminate_with};
+use crate::sample::{Detail, GatherCloud, GatherSample, cloud_groups, illuminate_with};
 use crate::scene::{Light, LightKind};
 use crate::shade::PointGroup;
 use crate::trace::sampling::{cosine_hemisphere, hash, sobol_2d, uniform_sphere, unit};
@@ -26,9 +27,6 @@ const OTHERS: u32 = 5;
 
 /// Most materials that shine which are learned from each by itself, those of the most power.
 const MOST_SHINING: usize = 8;
-
-/// Steps of what a place radiates beside the brightest of its material.
-const SHARES: f32 = 1024.0;
 
 /// A light on the cloud.
 enum Source {
@@ -45,8 +43,6 @@ pub(super) struct Training {
     pub(super) others: Vec<Vec<f32>>,
     /// What surfaces emit, one a material, of its brightest place.
     pub(super) shining: Vec<Vec<f32>>,
-    /// What a lamp that may be anywhere makes of each sample, up to a common factor; of the sky, nothing.
-    pub(super) anywhere: Vec<f32>,
 }
 
 /// A sky to learn from: some glow all around, and two places that are brighter.
@@ -96,7 +92,7 @@ impl Training {
     /// # Errors
     /// [`Error::Cancelled`].
     pub(super) fn new(
-        (cloud, map): (&GatherCloud, &CellMap),
+        cloud: &GatherCloud,
         accel: &Accel,
         (alike, others): (usize, usize),
         seed: u32,
@@ -121,7 +117,6 @@ impl Training {
             alike: all(alike, seed, &|_, seed| space.usual(seed))?,
             others: all(others, hash(seed, 0x07_4e85), &|number, seed| space.unusual(number % OTHERS, seed))?,
             shining: shining(cloud),
-            anywhere: anywhere(&space, map),
         })
     }
 }
@@ -136,10 +131,7 @@ struct Space<'a> {
 
 impl<'a> Space<'a> {
     fn new(cloud: &'a GatherCloud, accel: &'a Accel) -> Self {
-        let positions = || cloud.surfaces().iter().map(|sample| sample.position);
-        let low = positions().fold(Vec3::INFINITY, Vec3::min);
-        let high = positions().fold(Vec3::NEG_INFINITY, Vec3::max);
-        Self { cloud, accel, diagonal: low.distance(high).max(1e-3) }
+        Self { cloud, accel, diagonal: diagonal(cloud) }
     }
 
     /// A random surface sample.
@@ -214,11 +206,6 @@ impl<'a> Space<'a> {
 const AT_A_WALL: f32 = 0.005;
 /// Lamps of a string.
 const STRING: usize = 5;
-/// Rays by which it is found how much free space a sample faces.
-const FREE_PATHS: usize = 64;
-/// Of the lengths of these rays: 0 tells nothing of where free space is, 1 expects lamps everywhere alike.
-const EVENNESS: f32 = 0.6;
-
 fn light(kind: LightKind) -> Light {
     Light { name: String::new(), enabled: true, kind }
 }
@@ -241,36 +228,11 @@ fn spot(position: Vec3, (inner_angle, outer_angle): (f32, f32), seed: u32) -> Li
     })
 }
 
-/// Radiance of each surface sample under a lamp that may be anywhere.
-///
-/// Of a lamp of intensity 1 at a place in the free space of volume `V`, each as likely, a surface receives the integral of
-/// `cos / r^2` over what it faces of that space, over `V`, in the mean: `pi / V` times the mean length of cosine-distributed rays from it.
-/// Lamps are not strewn evenly, and errors count whether a place is bright or not, so lengths are taken to the power [`EVENNESS`].
-fn anywhere(space: &Space<'_>, map: &CellMap) -> Vec<f32> {
-    let surfaces = space.cloud.surfaces().par_iter().enumerate();
-    let radiance = surfaces.map(|(index, sample)| {
-        let length = free_path(map, space.accel, index, space.diagonal) / space.diagonal;
-        sample.albedo.element_sum() / 3.0 * length.powf(EVENNESS)
-    });
-    let mut radiance: Vec<f32> = radiance.collect();
-    radiance.resize(space.cloud.len(), 0.0);
-    radiance
-}
-
-/// Mean length of cosine-distributed rays from a surface sample, each no longer than `limit`; metres.
-fn free_path(map: &CellMap, accel: &Accel, sample: usize, limit: f32) -> f32 {
-    let length = |ray: usize| {
-        let random = sobol_2d(ray as u32, 0, sample as u32);
-        accel.closest(&map.emitted(sample, ray % TARGETS, random)).t.min(limit)
-    };
-    (0..FREE_PATHS).map(length).sum::<f32>() / FREE_PATHS as f32
-}
-
 /// What each material emits, of those that bring the most light to the cloud.
 fn shining(cloud: &GatherCloud) -> Vec<Vec<f32>> {
-    let mut materials: Vec<u32> = cloud.emitted.iter().map(|part| part.material).collect();
+    let brightest = brightest(cloud);
+    let mut materials: Vec<u32> = brightest.keys().copied().collect();
     materials.sort_unstable();
-    materials.dedup();
     let of = |material: u32| cloud.emitted.iter().filter(move |part| part.material == material);
     let power = |&material: &u32| -> f32 {
         of(material).map(|part| part.radiance.element_sum() * cloud.samples[part.sample as usize].area).sum()
@@ -279,15 +241,9 @@ fn shining(cloud: &GatherCloud) -> Vec<Vec<f32>> {
         materials.sort_by(|a, b| power(b).total_cmp(&power(a)));
         materials.truncate(MOST_SHINING);
     }
-    // of the brightest place, and in steps: dimmed or coloured, as by a rig, the same lamp teaches the same, to the last bit
     let radiance = |material: u32| {
         let mut radiance = vec![0.0; cloud.len()];
-        let brightest =
-            of(material).map(|part| part.radiance.element_sum()).fold(f32::MIN_POSITIVE, f32::max);
-        of(material).for_each(|part| {
-            let share = part.radiance.element_sum() / brightest;
-            radiance[part.sample as usize] += (share * SHARES).round() / SHARES;
-        });
+        of(material).for_each(|part| radiance[part.sample as usize] += share(part, &brightest));
         radiance
     };
     materials.into_iter().map(radiance).collect()
@@ -318,75 +274,4 @@ fn on_the_sky(cloud: &GatherCloud, sky: &Sky) -> Vec<f32> {
     };
     radiance.extend((0..cloud.sky.len()).map(mean));
     radiance
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sample::{CloudMethod, CloudSettings};
-    use crate::scene::{Geometry, Instance, Material, Mesh, Scene};
-    use crate::trace::Hit;
-    use glam::{Affine3A, Vec2};
-
-    /// A closed box from the origin, its sides facing inwards.
-    fn closed_box(size: Vec3) -> Scene {
-        let mut mesh = Mesh::default();
-        for axis in 0..3 {
-            let [across, up] = [1, 2].map(|next| Vec3::AXES[(axis + next) % 3] * size);
-            for (corner, normal) in
-                [(Vec3::ZERO, Vec3::AXES[axis]), (Vec3::AXES[axis] * size, -Vec3::AXES[axis])]
-            {
-                let first = mesh.positions.len() as u32;
-                mesh.positions.extend([corner, corner + across, corner + across + up, corner + up]);
-                mesh.normals.extend([normal; 4]);
-                mesh.uvs.extend([Vec2::ZERO; 4]);
-                let sides = [[first, first + 1, first + 2], [first, first + 2, first + 3]];
-                let facing = |[a, b, c]: [u32; 3]| if corner == Vec3::ZERO { [a, b, c] } else { [a, c, b] };
-                mesh.triangles.extend(sides.map(facing));
-            }
-        }
-        let instance =
-            Instance { name: String::new(), mesh: 0, world_from_object: Affine3A::IDENTITY, object: 0 };
-        let materials = vec![Material::default()];
-        Scene { meshes: vec![mesh], instances: vec![instance], materials, ..Scene::default() }
-    }
-
-    /// Cauchy's theorem: in a convex room the mean free path over all walls is four volumes over their area.
-    #[test]
-    fn lamps_anywhere_light_the_walls_of_a_room_as_its_mean_chord_says() {
-        let size = Vec3::new(4.0, 2.5, 7.0);
-        let scene = closed_box(size);
-        let geometry = Geometry::new(&scene);
-        let accel = Accel::new(&scene, &geometry);
-        let look = |index: u32| {
-            let direction = uniform_sphere(sobol_2d(index, 0, 0));
-            (accel.closest(&Ray::new(0.5 * size, direction)), direction)
-        };
-        let seen: Vec<(Hit, Vec3)> = (0..4096).map(look).collect();
-        let settings =
-            CloudSettings { count: 1024, method: CloudMethod::Uniform, sky: false, rays: 0, seed: 0 };
-        let (cloud, map) = GatherCloud::new(&scene, &geometry, &accel, &seen, &settings, &()).unwrap();
-        let (mut lengths, mut areas) = (0.0, 0.0);
-        for (index, sample) in cloud.surfaces().iter().enumerate() {
-            lengths += f64::from(sample.area * free_path(&map, &accel, index, f32::MAX));
-            areas += f64::from(sample.area);
-        }
-        let walls = 2.0 * (size.x * size.y + size.y * size.z + size.z * size.x);
-        let expected = f64::from(4.0 * size.element_product() / walls);
-        assert!((areas / f64::from(walls) - 1.0).abs() < 1e-3, "cells of {areas} square metres");
-        let mean = lengths / areas;
-        assert!((mean / expected - 1.0).abs() < 5e-3, "a mean free path of {mean} m for {expected} m");
-
-        let space = Space::new(&cloud, &accel);
-        let radiance = anywhere(&space, &map);
-        assert_eq!(radiance.len(), cloud.len());
-        // the middle of a long wall faces more of the room than a corner does
-        let near = |place: Vec3| {
-            let distance = |index: &usize| cloud.samples[*index].position.distance(place);
-            let nearest = (0..cloud.surfaces().len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
-            radiance[nearest.unwrap()] / cloud.samples[nearest.unwrap()].albedo.x
-        };
-        let (end, corner) = (near(Vec3::new(2.0, 1.25, 0.0)), near(Vec3::new(0.1, 0.0, 0.1)));
-        assert!(end > 1.2 * corner, "{end} and {corner}");
-    }
 }

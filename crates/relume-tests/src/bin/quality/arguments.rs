@@ -43,9 +43,10 @@ pub(crate) struct Arguments {
     /// By what each encoding chooses coefficients, a line each: area, plain, prior [default: each encoding's own way].
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = named::<Selection>)]
     selections: Vec<Selection>,
-    /// Coefficients a row of haar-rows and haar-blocks.
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=4096))]
-    coefficients: u16,
+    /// Coefficients a row of haar-rows and haar-blocks; each one is a line of the table.
+    #[arg(long, value_name = "N,...", value_delimiter = ',', default_value = "100",
+          value_parser = clap::value_parser!(u16).range(1..=4096))]
+    coefficients: Vec<u16>,
     /// How rows are estimated: balanced, or paper.
     #[arg(long, value_name = "METHOD", default_value = "balanced", value_parser = named::<RowMethod>)]
     rows: RowMethod,
@@ -62,9 +63,10 @@ pub(crate) struct Arguments {
     /// Surfaces that a photon hits at most [default: as many as their albedo lets it].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     photon_path: Option<u32>,
-    /// What the encoding of diffuse light may lose, in percent, of `low-rank`.
-    #[arg(long, value_name = "PERCENT")]
-    error: Option<f32>,
+    /// What the encoding of diffuse light may lose, in percent, of `low-rank`; each one is a line of the table, and 0 is what --quality
+    /// pays for [default: 0].
+    #[arg(long, value_name = "PERCENT,...", value_delimiter = ',')]
+    error: Vec<f32>,
     /// Prepare without the sky's gather samples, and make no dome.
     #[arg(long)]
     pub(crate) no_sky: bool,
@@ -162,11 +164,25 @@ impl Arguments {
         let mut all = Vec::new();
         for &encoding in &self.encodings {
             for &selection in selections {
-                let each = self.multibounce.iter();
-                all.extend(each.map(|&multibounce| self.preparation(encoding, selection, multibounce)));
+                for &multibounce in &self.multibounce {
+                    let sized = self.of_all_sizes(self.preparation(encoding, selection, multibounce));
+                    all.extend(sized);
+                }
             }
         }
         all
+    }
+
+    /// The preparation at each size that is asked for.
+    fn of_all_sizes(&self, settings: Settings) -> Vec<Settings> {
+        let settings = &settings;
+        if settings.encoding != Encoding::LowRank {
+            let sizes = self.coefficients.iter().map(|&count| usize::from(count));
+            return sizes.map(|coefficients| Settings { coefficients, ..settings.clone() }).collect();
+        }
+        let errors = if self.error.is_empty() { &[0.0][..] } else { &self.error };
+        let budgets = errors.iter().map(|&percent| Some(percent / 100.0).filter(|&error| error != 0.0));
+        budgets.map(|error| Settings { error, ..settings.clone() }).collect()
     }
 
     /// Whether what is asked for goes together.
@@ -200,9 +216,7 @@ impl Arguments {
             quality: self.quality,
             spacing: self.spacing,
             encoding,
-            error: self.error.filter(|_| encoding == Encoding::LowRank).map(|percent| percent / 100.0),
             selection,
-            coefficients: usize::from(self.coefficients),
             rows: self.rows,
             multibounce,
             // where they are not used, they would make another transfer of the same
@@ -230,9 +244,21 @@ pub(crate) fn no_folder(folder: &Path, argument: &str) -> Error {
     Error::file(folder, format!("there is no such folder; name another one with {argument}"))
 }
 
-/// What the tables call a preparation: its encoding, its selection where that is not the encoding's own, and how light bounces where that
-/// is not the usual way.
+/// What the tables call a preparation: its way, and its size where that is given.
 pub(crate) fn label(settings: &Settings) -> String {
+    let mut label = way(settings);
+    if let Some(error) = settings.error {
+        // as it was written, less what a share of one adds in its last digits
+        label += &format!(", {}% lost", (100_000.0 * error).round() / 1000.0);
+    }
+    if settings.encoding != Encoding::LowRank && settings.coefficients != Settings::default().coefficients {
+        label += &format!(", N = {}", settings.coefficients);
+    }
+    label
+}
+
+/// Its encoding, its selection where that is not the encoding's own, and how light bounces where that is not the usual way.
+pub(crate) fn way(settings: &Settings) -> String {
     let mut label = name_of(&settings.encoding);
     if let Some(selection) = settings.selection {
         label += &format!(" by {}", name_of(&selection));
@@ -306,6 +332,11 @@ mod tests {
             labels(&ways),
             ["haar-blocks by plain", "haar-blocks by prior", "low-rank by plain", "low-rank by prior"]
         );
+        let line = "quality --encodings low-rank,haar-rows --error 0,2.5,20 --coefficients 25,100";
+        let sizes = Arguments::try_parse_from(line.split(' ')).unwrap();
+        let expected =
+            ["low-rank", "low-rank, 2.5% lost", "low-rank, 20% lost", "haar-rows, N = 25", "haar-rows"];
+        assert_eq!(labels(&sizes), expected);
         assert_eq!(arguments.truths().len(), 2);
         assert_eq!(arguments.names.len(), 5);
     }

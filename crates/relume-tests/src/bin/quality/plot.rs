@@ -11,21 +11,23 @@ use plotters::style::{BLACK, Color, IntoFont, WHITE};
 use relume::{Error, Result};
 use relume_tests::reports::{COLORS, write_text};
 
+use crate::arguments::way;
 use crate::report::SceneReport;
 
 /// Width and height of a plot, pixels.
 const SIZE: (u32, u32) = (640, 420);
-/// One encoding's mark: errors in percent.
+/// One encoding's mark at one size: errors in percent.
 #[derive(Clone, Debug, PartialEq)]
 struct Mark {
-    label: String,
+    encoding: String,
     bytes_per_pixel: f64,
     median: f64,
     worst: f64,
 }
 
 /// Writes the relative error of the indirect light over bytes a pixel as SVG: for each encoding the median over lights
-/// as a full point, the worst as a ring, and a line between them. Shows the first truth and the last number of bounces.
+/// as a full point, the worst as a ring, and a line between them; where it was measured at several sizes, its medians and its worsts are joined.
+/// Shows the first truth and the last number of bounces.
 ///
 /// # Errors
 /// As [`write_text`].
@@ -41,7 +43,7 @@ fn marks(scene: &SceneReport) -> Vec<Mark> {
         let column = report.columns.iter().rfind(|column| column.paths == first)?;
         let spread = column.summary.indirect.as_ref()?;
         let mark = Mark {
-            label: report.encoding.clone(),
+            encoding: way(&report.settings),
             bytes_per_pixel: report.bytes_per_pixel,
             median: 100.0 * spread.median,
             worst: 100.0 * spread.worst,
@@ -49,6 +51,21 @@ fn marks(scene: &SceneReport) -> Vec<Mark> {
         (mark.median.is_finite() && mark.worst.is_finite()).then_some(mark)
     };
     scene.encodings.iter().filter_map(of).collect()
+}
+
+/// The marks of each encoding, in the order in which it first comes, from small to large.
+fn curves(marks: &[Mark]) -> Vec<Vec<&Mark>> {
+    let mut curves: Vec<Vec<&Mark>> = Vec::new();
+    for mark in marks {
+        match curves.iter_mut().find(|curve| curve[0].encoding == mark.encoding) {
+            Some(curve) => curve.push(mark),
+            None => curves.push(vec![mark]),
+        }
+    }
+    for curve in &mut curves {
+        curve.sort_by(|a, b| a.bytes_per_pixel.total_cmp(&b.bytes_per_pixel));
+    }
+    curves
 }
 
 fn draw(title: &str, marks: &[Mark]) -> Result<String, Box<dyn std::error::Error>> {
@@ -73,15 +90,20 @@ fn draw(title: &str, marks: &[Mark]) -> Result<String, Box<dyn std::error::Error
             .label_style(("sans-serif", 13).into_font())
             .light_line_style(WHITE)
             .draw()?;
-        for (mark, color) in marks.iter().zip(COLORS.iter().cycle()) {
-            let (x, median, worst) = (mark.bytes_per_pixel, mark.median, mark.worst);
-            chart.draw_series(LineSeries::new([(x, median), (x, worst)], color.stroke_width(2)))?;
+        for (curve, color) in curves(marks).iter().zip(COLORS.iter().cycle()) {
+            let along =
+                |figure: fn(&Mark) -> f64| curve.iter().map(move |mark| (mark.bytes_per_pixel, figure(mark)));
+            let (medians, worsts) = (along(|mark| mark.median), along(|mark| mark.worst));
+            for (median, worst) in medians.clone().zip(worsts.clone()) {
+                chart.draw_series(LineSeries::new([median, worst], color.stroke_width(1)))?;
+            }
+            chart.draw_series(LineSeries::new(medians.clone(), color.stroke_width(2)))?;
+            chart.draw_series(LineSeries::new(worsts.clone(), color.mix(0.5).stroke_width(2)))?;
             chart
-                .draw_series(PointSeries::<_, _, Circle<_, _>, _>::new([(x, median)], 5, color.filled()))?
-                .label(&mark.label)
+                .draw_series(PointSeries::<_, _, Circle<_, _>, _>::new(medians, 5, color.filled()))?
+                .label(&curve[0].encoding)
                 .legend(|(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(4)));
-            let ring = PointSeries::<_, _, Circle<_, _>, _>::new([(x, worst)], 5, color.stroke_width(2));
-            chart.draw_series(ring)?;
+            chart.draw_series(PointSeries::<_, _, Circle<_, _>, _>::new(worsts, 5, color.stroke_width(2)))?;
         }
         chart
             .configure_series_labels()
@@ -101,8 +123,12 @@ mod tests {
 
     #[test]
     fn every_encoding_has_its_mark() {
-        let mark =
-            |label: &str, x| Mark { label: label.into(), bytes_per_pixel: x, median: 8.0, worst: 20.0 };
+        let mark = |encoding: &str, x| Mark {
+            encoding: encoding.into(),
+            bytes_per_pixel: x,
+            median: 8.0,
+            worst: 20.0,
+        };
         let svg = draw("room", &[mark("low-rank", 123.0), mark("haar-rows", 325.0)]).unwrap();
         for text in ["low-rank", "haar-rows", "bytes a pixel", "room"] {
             assert!(svg.contains(text), "{text}");
@@ -110,5 +136,14 @@ mod tests {
         assert_eq!(svg.matches("<circle").count(), 4);
         assert_eq!(draw("room", &[mark("low-rank", 1.0)]).unwrap().matches("<circle").count(), 2);
         assert!(draw("nothing", &[]).unwrap().starts_with("<svg"));
+        // two sizes of one are one curve
+        let marks = [mark("low-rank", 123.0), mark("haar-rows", 325.0), mark("low-rank", 30.0)];
+        let sizes: Vec<Vec<f64>> = curves(&marks)
+            .iter()
+            .map(|curve| curve.iter().map(|mark| mark.bytes_per_pixel).collect())
+            .collect();
+        assert_eq!(sizes, [vec![30.0, 123.0], vec![325.0]]);
+        let svg = draw("room", &marks).unwrap();
+        assert_eq!((svg.matches("<circle").count(), svg.matches(">\nlow-rank\n<").count()), (6, 1));
     }
 }

@@ -47,7 +47,7 @@ pub(crate) struct LightReport {
 /// A scene prepared in one way.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct EncodingReport {
-    /// The encoding's name, and how light bounces where that is not the usual way.
+    /// Its name, how light bounces where that is not the usual way, and its size where that was given.
     pub(crate) encoding: String,
     /// All that it was prepared with.
     pub(crate) settings: Settings,

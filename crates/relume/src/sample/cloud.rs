@@ -175,24 +175,6 @@ impl GatherCloud {
         Some(cloud)
     }
 
-    /// What each surface sample's diffuse lobe reflects where base colour factors are white, RGB, and no less than it reflects now: whatever colours are
-    /// changed to, it is not much more.
-    pub fn albedo_under_white(&self) -> Vec<Vec3> {
-        let mut albedo: Vec<Vec3> = self.surfaces().iter().map(|sample| sample.albedo).collect();
-        let patches =
-            self.sub_samples.par_chunks_exact(SUB_SAMPLES).zip(self.diffuse.par_chunks_exact(SUB_SAMPLES));
-        albedo.par_iter_mut().zip(patches).for_each(|(albedo, (sub_samples, parts))| {
-            let (mut white, mut weight) = (Vec3::ZERO, 0.0);
-            for (sub, part) in sub_samples.iter().zip(parts) {
-                white += part.white.get() * sub.weight();
-                weight += sub.weight();
-            }
-            // what is no diffuse reflection stays; a sample that is seen from nowhere weighs nothing
-            *albedo = albedo.max(white / weight.max(f32::MIN_POSITIVE));
-        });
-        albedo
-    }
-
     /// Number of gather samples, `n_g`.
     pub fn len(&self) -> usize {
         self.samples.len()

@@ -8,7 +8,7 @@ use super::compute::{Plan, losses};
 use crate::Result;
 use crate::progress::Progress;
 
-/// Blocks that are tried.
+/// Blocks that are tried: so many, of fewer than ten times as many one in ten.
 const PROBES: usize = 12;
 /// Prices that are tried, in units of the usual one. High ones buy little and take little time.
 const PRICES: [f32; 7] = [1.0 / 16.0, 0.25, 1.0, 4.0, 16.0, 64.0, 256.0];
@@ -25,7 +25,7 @@ pub(super) fn price_for(
     progress: &dyn Progress,
 ) -> Result<f32> {
     let count = blocks.lengths.len();
-    let probes = PROBES.min(count);
+    let probes = PROBES.min(count.div_ceil(10));
     let which: Vec<usize> = (0..probes).map(|probe| (2 * probe + 1) * count / (2 * probes)).collect();
     progress.stage("error budget", which.iter().map(|&block| blocks.lengths[block] as u64).sum());
     let lost = losses(plan, blocks, &which, &PRICES, progress)?;

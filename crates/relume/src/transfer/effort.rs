@@ -75,8 +75,8 @@ impl Quality {
             Self::Standard => Effort {
                 gather_rows: rows(64, 768, 2e-3, (0.04, 0.09)),
                 bounce_rows: rows(32, 512, 4e-3, (0.25, 0.4)),
-                gather_encoding: low_rank(256, 6144, 6.3e-7),
-                bounce_encoding: low_rank(256, 6144, 3.6e-6),
+                gather_encoding: low_rank(256, 6144, 3.2e-6),
+                bounce_encoding: low_rank(256, 6144, 1.2e-5),
                 training_lights: 384,
                 sight_rays: 20_000_000,
             },

@@ -155,8 +155,10 @@ impl LowRank {
     /// The parts are runs of kept coefficients of a block, as they are packed. Directions are taken as orthogonal.
     pub(super) fn norms(&self, count: usize) -> Norms {
         let (mut columns, mut runs) = (vec![0.0; count], Vec::new());
-        for part in self.parts(&mut vec![Vec3::ZERO; self.rows()]) {
-            let squares = part.column_squares();
+        let mut none = vec![Vec3::ZERO; self.rows()];
+        let parts = self.parts(&mut none);
+        let squares: Vec<_> = parts.par_iter().map(Part::column_squares).collect();
+        for (part, squares) in parts.iter().zip(squares) {
             runs.extend(squares.chunks(RUN).map(|run| run.iter().fold(0.0, |most, &s| f32::max(most, s))));
             for (place, square) in part.kept.clone().zip(squares) {
                 columns[self.index(place)] += f64::from(square);

@@ -24,15 +24,15 @@ const SHARES: f32 = 1024.0;
 /// What is known of each sample before any light is.
 #[derive(Default)]
 pub(super) struct Outlook {
-    /// What it reflects at most, whatever base colours are changed to; the mean of the channels. Of surfaces alone.
-    pub(super) albedo: Vec<f32>,
-    /// What a lamp that may be anywhere makes of it where it reflects that, up to a common factor; of the sky, nothing.
+    /// What a lamp that may be anywhere makes of it on white paint, up to a common factor; of the sky, nothing.
     pub(super) anywhere: Vec<f32>,
     /// What it emits, as a share of the brightest place of its material, of all materials.
     pub(super) shining: Vec<f32>,
 }
 
 impl Outlook {
+    /// `cloud` has white base colour factors.
+    ///
     /// # Errors
     /// [`Error::Cancelled`].
     pub(super) fn new(
@@ -41,27 +41,25 @@ impl Outlook {
         seed: u32,
         progress: &dyn Progress,
     ) -> Result<Self> {
-        let albedo: Vec<f32> =
-            cloud.albedo_under_white().iter().map(|albedo| albedo.element_sum() / 3.0).collect();
         let diagonal = diagonal(cloud);
-        progress.stage("free space", albedo.len() as u64);
+        let surfaces = cloud.surfaces();
+        progress.stage("free space", surfaces.len() as u64);
         let mut anywhere = vec![0.0; cloud.len()];
-        let surfaces = anywhere[..albedo.len()]
-            .par_chunks_mut(FREE_PATHS_AT_ONCE)
-            .zip(albedo.par_chunks(FREE_PATHS_AT_ONCE));
-        surfaces.enumerate().try_for_each(|(chunk, (radiance, albedo))| {
+        let chunks = anywhere.par_chunks_mut(FREE_PATHS_AT_ONCE).zip(surfaces.par_chunks(FREE_PATHS_AT_ONCE));
+        chunks.enumerate().try_for_each(|(chunk, (radiance, surfaces))| {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }
-            for (index, (radiance, albedo)) in
-                (chunk * FREE_PATHS_AT_ONCE..).zip(radiance.iter_mut().zip(albedo))
+            for (index, (radiance, sample)) in
+                (chunk * FREE_PATHS_AT_ONCE..).zip(radiance.iter_mut().zip(surfaces))
             {
-                *radiance = albedo * under_lamps_anywhere(map, accel, (index, seed), diagonal);
+                let light = under_lamps_anywhere(map, accel, (index, seed), diagonal);
+                *radiance = sample.albedo.element_sum() / 3.0 * light;
             }
-            progress.advance(albedo.len() as u64);
+            progress.advance(surfaces.len() as u64);
             Ok(())
         })?;
-        Ok(Self { albedo, anywhere, shining: shares(cloud) })
+        Ok(Self { anywhere, shining: shares(cloud) })
     }
 }
 

@@ -50,6 +50,17 @@ const HELD_OUT: usize = 4;
 /// Most lights that are held out. Each costs a product with all rows.
 const MOST_HELD_OUT: usize = 48;
 
+/// Of `alike` random lights, the number of the first that is held out.
+fn first_held(alike: usize) -> usize {
+    alike - alike.div_ceil(HELD_OUT).min(MOST_HELD_OUT)
+}
+
+/// Whether the light of this number, of `alike` and of others, falls on white paint: every second one that is learned from, so that what is learned holds for
+/// surfaces that a rig paints.
+pub(super) fn is_white(number: usize, alike: usize) -> bool {
+    number < first_held(alike) && number % 2 == 1
+}
+
 /// How far a prior has learned.
 struct Lessons<'a> {
     /// `E^-1`.
@@ -74,23 +85,27 @@ impl LightPrior {
         let albedo: Vec<Vec3> = cloud.samples.iter().map(|sample| sample.albedo).collect();
         let mut held = Vec::new();
         let alike = lights.alike.len();
-        let first_held = alike - alike.div_ceil(HELD_OUT).min(MOST_HELD_OUT);
+        let first_held = first_held(alike);
         let mut held_alike = 0;
         // what reflects nothing has no colour of its own: the sky, and black lamps that shine
         let tint = |rgb: &Vec3| match rgb.element_sum() {
             sum if sum > 0.0 => *rgb * (3.0 / sum),
             _ => Vec3::ONE,
         };
-        let tints: Vec<Vec3> = albedo.iter().map(tint).collect();
-        let arrives = |light: &[f32]| -> Vec<Vec3> {
-            let light: Vec<Vec3> = light.iter().zip(&tints).map(|(grey, tint)| *grey * *tint).collect();
+        let tints = [&albedo, &lights.white].map(|albedo| albedo.iter().map(tint).collect::<Vec<_>>());
+        let arrives = |light: &[f32], white: bool| -> Vec<Vec3> {
+            let tints = &tints[usize::from(white)];
+            let light: Vec<Vec3> = light.iter().zip(tints).map(|(grey, tint)| *grey * *tint).collect();
             match bounce {
                 Some((bounce, times)) => bounces::gather_bounces(bounce, &albedo, &light, Some(times)).0,
                 None => light,
             }
         };
         let expected = match settings.encoding {
-            Encoding::LowRank => expected_radiance(outlook, &arrives(&outlook.anywhere)),
+            Encoding::LowRank => {
+                let white = &lights.white[..cloud.surfaces().len()];
+                expected_radiance(outlook, white, &arrives(&outlook.anywhere, true))
+            }
             Encoding::HaarRows | Encoding::HaarBlocks => vec![1.0; count],
         };
         let inverse: Vec<f32> = expected.iter().map(|expected| 1.0 / expected).collect();
@@ -101,13 +116,13 @@ impl LightPrior {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }
-            lessons.learn(&arrives(shining), SHINING / lights.shining.len() as f64);
+            lessons.learn(&arrives(shining, false), SHINING / lights.shining.len() as f64);
         }
         for (index, light) in lights.alike.iter().chain(&lights.others).enumerate() {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }
-            let light = arrives(light);
+            let light = arrives(light, is_white(index, alike));
             if index < first_held {
                 lessons.learn(&light, 1.0);
             } else {
@@ -162,18 +177,18 @@ fn scaled(light: &[Vec3], inverse: &[f32]) -> Option<(Vec<f64>, Vec<f32>)> {
 
 /// `E`, from the light of lamps anywhere with its bounces, up to a common factor. What they leave dark may be lit otherwise, and then as brightly as it reflects. The
 /// sky is expected to be as bright as the surfaces in the mean, and so is at least, whatever it reflects, the brightest place of what shines.
-fn expected_radiance(outlook: &Outlook, lights: &[Vec3]) -> Vec<f32> {
-    let surfaces = outlook.albedo.len();
-    let mean = |values: &mut dyn Iterator<Item = f32>| {
-        let sum: f64 = values.map(f64::from).sum();
-        (sum / surfaces.max(1) as f64).max(1e-30) as f32
+fn expected_radiance(outlook: &Outlook, white: &[Vec3], lights: &[Vec3]) -> Vec<f32> {
+    let mean = |values: &mut dyn Iterator<Item = Vec3>| {
+        let sum: f64 = values.map(|rgb| f64::from(rgb.element_sum())).sum();
+        (sum / white.len().max(1) as f64).max(1e-30) as f32
     };
-    let brightness = mean(&mut lights[..surfaces].iter().map(|rgb| rgb.element_sum()));
-    let albedo = mean(&mut outlook.albedo.iter().copied());
-    let expected = |(own, light): (&f32, &Vec3)| {
-        (light.element_sum() / brightness + ELSEWHERE * own / albedo).max(LEAST_EXPECTED)
+    let brightness = mean(&mut lights[..white.len()].iter().copied());
+    let albedo = mean(&mut white.iter().copied());
+    let expected = |(white, light): (&Vec3, &Vec3)| {
+        let elsewhere = ELSEWHERE * white.element_sum() / albedo;
+        (light.element_sum() / brightness + elsewhere).max(LEAST_EXPECTED)
     };
-    let mut expected: Vec<f32> = outlook.albedo.iter().zip(lights).map(expected).collect();
+    let mut expected: Vec<f32> = white.iter().zip(lights).map(expected).collect();
     expected.resize(lights.len(), 1.0);
     let shining = expected.iter_mut().zip(&outlook.shining);
     shining.for_each(|(expected, &share)| *expected = expected.max(share));
@@ -235,12 +250,9 @@ mod tests {
             (0..COUNT).map(|place| albedo(place) / (1.0 + off(place).powi(2))).collect()
         };
         let anywhere = |place| if dark(place) { 0.0 } else { albedo(place) };
-        let outlook = Outlook {
-            albedo: (0..COUNT).map(albedo).collect(),
-            anywhere: (0..COUNT).map(anywhere).collect(),
-            shining: Vec::new(),
-        };
-        (Training { alike: (0..count).map(lamp).collect(), ..Training::default() }, outlook)
+        let outlook = Outlook { anywhere: (0..COUNT).map(anywhere).collect(), shining: Vec::new() };
+        let white = (0..COUNT).map(|place| Vec3::splat(albedo(place))).collect();
+        (Training { alike: (0..count).map(lamp).collect(), white, ..Training::default() }, outlook)
     }
 
     fn prior((lights, outlook): &(Training, Outlook), encoding: Encoding) -> LightPrior {
@@ -260,8 +272,12 @@ mod tests {
         (COUNT / 4..COUNT).map(energy).sum::<f64>() / total
     }
 
-    fn black() -> Outlook {
-        Outlook { albedo: vec![0.0; COUNT], ..Outlook::default() }
+    #[test]
+    fn nothing_is_judged_on_white_paint() {
+        for alike in [0, 1, 64, 384] {
+            let white = (0..alike + 24).filter(|&number| is_white(number, alike)).count();
+            assert_eq!(white, first_held(alike) / 2, "of {alike}");
+        }
     }
 
     #[test]
@@ -284,11 +300,10 @@ mod tests {
         let (below, above) = (mean(0..COUNT / 2), mean(COUNT / 2..COUNT));
         assert!((below - ELSEWHERE).abs() < 0.2 * ELSEWHERE && above > 1.8, "{below} and {above}");
         assert!(prior.expected.iter().all(|&expected| expected >= LEAST_EXPECTED));
-        let none = expected_radiance(&black(), &[Vec3::ZERO; COUNT]);
+        let none = expected_radiance(&Outlook::default(), &[Vec3::ZERO; COUNT], &[Vec3::ZERO; COUNT]);
         assert!(none.iter().all(|&expected| expected == LEAST_EXPECTED));
         let surfaces = COUNT - COUNT / 16;
-        let open = Outlook { albedo: (0..surfaces).map(albedo).collect(), ..Outlook::default() };
-        let open = expected_radiance(&open, &[Vec3::ONE; COUNT]);
+        let open = expected_radiance(&Outlook::default(), &vec![Vec3::ONE; surfaces], &[Vec3::ONE; COUNT]);
         assert!(open.len() == COUNT && open[surfaces..].iter().all(|&expected| expected == 1.0));
     }
 
@@ -296,7 +311,11 @@ mod tests {
     fn what_shines_is_expected_to_be_bright_whatever_it_reflects() {
         let mut lamp = vec![0.0; COUNT];
         (lamp[7], lamp[8]) = (1.0, 0.5);
-        let expected = expected_radiance(&Outlook { shining: lamp, ..black() }, &[Vec3::ZERO; COUNT]);
+        let expected = expected_radiance(
+            &Outlook { shining: lamp, ..Outlook::default() },
+            &[Vec3::ZERO; COUNT],
+            &[Vec3::ZERO; COUNT],
+        );
         assert_eq!(expected[6..10], [LEAST_EXPECTED, 1.0, 0.5, LEAST_EXPECTED]);
     }
 }

@@ -161,14 +161,17 @@ impl Shot<'_> {
         count: usize,
         progress: &dyn Progress,
     ) -> Result<(Training, Outlook)> {
+        if !self.learns() {
+            return Ok(Default::default());
+        }
         let seed = self.settings.seed;
-        let training = if self.learns() {
-            Training::new(cloud, self.accel, (count, OTHER_LIGHTS), seed, progress)?
-        } else {
-            Training::default()
-        };
+        let changes: Vec<Vec3> =
+            self.scene.materials.iter().map(|material| Vec3::ONE - material.base_color.truncate()).collect();
+        let painted = cloud.recolored(&changes);
+        let white = painted.as_ref().unwrap_or(cloud);
+        let training = Training::new((cloud, white), self.accel, (count, OTHER_LIGHTS), seed, progress)?;
         let outlook = match self.settings.encoding {
-            Encoding::LowRank => Outlook::new((cloud, map), self.accel, seed, progress)?,
+            Encoding::LowRank => Outlook::new((white, map), self.accel, seed, progress)?,
             Encoding::HaarRows | Encoding::HaarBlocks => Outlook::default(),
         };
         Ok((training, outlook))

@@ -11,6 +11,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::outlook::{brightest, diagonal, share};
+use super::prior::is_white;
 use crate::progress::Progress;
 use crate::sample::{Detail, GatherCloud, GatherSample, cloud_groups, illuminate_with};
 use crate::scene::{Light, LightKind};
@@ -37,12 +38,14 @@ enum Source {
 /// Radiance on the cloud under lights, the mean of the channels.
 #[derive(Default)]
 pub(super) struct Training {
-    /// Of the kinds that are learned from, in no order.
+    /// Of the kinds that are learned from, in no order; on white paint where [`is_white`] says so.
     pub(super) alike: Vec<Vec<f32>>,
     /// Of other kinds.
     pub(super) others: Vec<Vec<f32>>,
     /// What surfaces emit, one a material, of its brightest place.
     pub(super) shining: Vec<Vec<f32>>,
+    /// What samples reflect on white paint, RGB: where base colour factors, which a rig may change, are white.
+    pub(super) white: Vec<Vec3>,
 }
 
 /// A sky to learn from: some glow all around, and two places that are brighter.
@@ -92,7 +95,7 @@ impl Training {
     /// # Errors
     /// [`Error::Cancelled`].
     pub(super) fn new(
-        cloud: &GatherCloud,
+        (cloud, white): (&GatherCloud, &GatherCloud),
         accel: &Accel,
         (alike, others): (usize, usize),
         seed: u32,
@@ -101,7 +104,7 @@ impl Training {
         progress.stage("training lights", (alike + others) as u64);
         let space = Space::new(cloud, accel);
         let groups = cloud_groups(cloud);
-        let lit = |source: Source| {
+        let lit = |source: Source, cloud: &GatherCloud| {
             if progress.cancelled() {
                 return Err(Error::Cancelled);
             }
@@ -109,14 +112,17 @@ impl Training {
             progress.advance(1);
             Ok(radiance)
         };
-        let all = |count: usize, seed: u32, source: &(dyn Fn(u32, u32) -> Source + Sync)| {
-            let numbers = (0..count as u32).into_par_iter();
-            numbers.map(|number| lit(source(number, hash(number, seed)))).collect::<Result<Vec<_>>>()
+        let usual = |number: u32| {
+            let cloud = if is_white(number as usize, alike) { white } else { cloud };
+            lit(space.usual(hash(number, seed)), cloud)
         };
+        let others_seed = hash(seed, 0x07_4e85);
+        let unusual = |number: u32| lit(space.unusual(number % OTHERS, hash(number, others_seed)), cloud);
         Ok(Self {
-            alike: all(alike, seed, &|_, seed| space.usual(seed))?,
-            others: all(others, hash(seed, 0x07_4e85), &|number, seed| space.unusual(number % OTHERS, seed))?,
+            alike: (0..alike as u32).into_par_iter().map(usual).collect::<Result<_>>()?,
+            others: (0..others as u32).into_par_iter().map(unusual).collect::<Result<_>>()?,
             shining: shining(cloud),
+            white: white.samples.iter().map(|sample| sample.albedo).collect(),
         })
     }
 }

@@ -84,7 +84,18 @@ pub(crate) fn made(
     sky: bool,
 ) -> Result<Vec<Case>> {
     shot.set_emission(false);
-    let shot = &*shot;
+    let cases = made_in_the_dark(shot, (count, seed), size, sky);
+    shot.set_emission(true);
+    Ok(with_emission(shot, cases?))
+}
+
+/// The lights alone, of a scene that emits nothing.
+fn made_in_the_dark(
+    shot: &Shot,
+    (count, seed): (u32, u32),
+    size: (usize, usize),
+    sky: bool,
+) -> Result<Vec<Case>> {
     let Some(camera) = shot.scene.cameras.first() else {
         return Err(Error::Setting(format!("the scene {} has no camera; add one to it", shot.name)));
     };
@@ -97,7 +108,7 @@ pub(crate) fn made(
         rig: LightRig { lights: vec![light], ..LightRig::default() },
         emission: false,
     });
-    Ok(with_emission(shot, cases))
+    Ok(cases.collect())
 }
 
 /// A sky with a sun in it, brighter towards one side.
@@ -279,7 +290,9 @@ mod tests {
         assert_eq!(names.len(), 10, "no sky is let in");
         assert_eq!(names[..5], ["narrow-00", "wide-01", "omni-02", "near-03", "wide-04"]);
         let scene = empty_room(emissive(Vec3::splat(0.5), Vec3::ONE)).scene;
-        let shining = made(&mut Shot::new("room", scene), (2, 0), SIZE, true).unwrap();
+        let mut shot = Shot::new("room", scene.clone());
+        let shining = made(&mut shot, (2, 0), SIZE, true).unwrap();
+        assert_eq!(shot.scene, scene, "it shines again");
         assert_eq!(shining[2], Case { name: EMISSION.into(), rig: LightRig::default(), emission: true });
     }
 

@@ -126,7 +126,7 @@ fn an_edited_shot_is_the_scene_with_other_base_colours() {
     }
 }
 
-/// The default encoding learned from light on the scene's own colours; what it leaves out matters more or less under others.
+/// Half of what the default encoding learned from is light on the scene's own colours; what it leaves out matters more or less under others.
 #[test]
 fn the_default_encoding_bears_strong_edits() {
     let settings =

@@ -66,7 +66,8 @@ pub(crate) struct Arguments {
     /// How the transfer is stored.
     #[arg(long, value_enum, default_value_t)]
     encoding: EncodingName,
-    /// What the encoding of diffuse light may lose, in percent of all light, 0.1 to 100 (low-rank) [default: what --quality pays for, usually 2 to 8].
+    /// What the encoding of diffuse light may lose, in percent of all light, 0.1 to 100 (low-rank); bounces may lose three times as much. The price of a byte
+    /// is looked for from a sixteenth of what --quality pays to 256 times as much [default: what --quality pays for, usually 2 to 8].
     #[arg(long, value_name = "PERCENT", value_parser = percent_of_light)]
     error: Option<f32>,
     /// By what it chooses the coefficients that it keeps [default: prior for low-rank, area for the others].

@@ -21,7 +21,7 @@ const OWN_SHARE: f64 = 0.6;
 /// What is known of light on the cloud before a lamp is set. Errors are relative to each image: a light that shines on little, and
 /// brightly, counts no more than others. All are scaled to the same energy, a mean square of one on the cloud as multiples of what is expected.
 pub(super) struct LightPrior {
-    /// `E`: the expected radiance of each gather sample, whatever its base colour is changed to, over the mean of those of surfaces. Light is
+    /// `E`: the expected radiance of each gather sample on white paint, over the mean of those of surfaces. Light is
     /// told as a multiple of it.
     pub(super) expected: Vec<f32>,
     /// `D`: the expected magnitude of each Haar coefficient, all channels; its mean square is one. Learned, or what another

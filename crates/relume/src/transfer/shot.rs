@@ -167,7 +167,9 @@ impl Shot<'_> {
         let seed = self.settings.seed;
         let changes: Vec<Vec3> =
             self.scene.materials.iter().map(|material| Vec3::ONE - material.base_color.truncate()).collect();
-        let painted = cloud.recolored(&changes);
+        // the photon form has the colours in it, and cannot be painted anew
+        let paintable = self.settings.multibounce == Multibounce::Iterated;
+        let painted = paintable.then(|| cloud.recolored(&changes)).flatten();
         let white = painted.as_ref().unwrap_or(cloud);
         let training = Training::new((cloud, white), self.accel, (count, OTHER_LIGHTS), seed, progress)?;
         let outlook = match self.settings.encoding {
@@ -273,7 +275,8 @@ impl Rows<'_> {
         }
     }
 
-    /// Where so much may be lost, and no more, `store` asks for the price of a byte at which `rows` lose `times` as much.
+    /// Where so much may be lost, and no more, `store` asks for the price of a byte at which `rows` lose `times` as much. Where no block is to be made no price is
+    /// wanted.
     fn meet_budget(
         &self,
         times: f32,
@@ -281,7 +284,8 @@ impl Rows<'_> {
         (estimator, layout, rows): (RowEstimator<'_>, &ImageLayout, &Blocks),
         progress: &dyn Progress,
     ) -> Result<()> {
-        if let Some(error) = self.shot.settings.error {
+        let finished = self.shot.finished.complete;
+        if let Some(error) = self.shot.settings.error.filter(|_| !finished) {
             let (count, memory) = (self.patches.len(), self.shot.memory);
             let plan = Plan { estimator, encoder: store.encoder(layout), glossy: false, count, memory };
             let price = budget::price_for(plan, rows, f64::from(times * error), progress)?;

@@ -1,7 +1,7 @@
 //! Lights to learn from, and others to be judged by.
 //!
-//! What is learned from: random lights in the scene's free space (narrow and wide spots, omnis and suns) and, where there is a sky, skies; and what
-//! shines in the scene, which is no guess. Nothing is learned from some of the random lights, which tell how much an encoding loses; and from
+//! What is learned from: random lights in the scene's free space (narrow and wide spots, omnis and suns) and, where there is a sky, skies, half of them on
+//! surfaces as they are and half on white paint, since a rig may paint them; and what shines in the scene, which is no guess. Nothing is learned from some of the random lights, which tell how much an encoding loses; and from
 //! *others*, of kinds that are never learned from: needles of light, lamps at a wall, strings of lamps, low suns, even skies. Those tell how far
 //! what was learned holds.
 

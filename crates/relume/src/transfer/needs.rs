@@ -146,7 +146,7 @@ impl Needs {
 /// What so many rows are expected to take as blocks of [`Encoding::LowRank`], bytes.
 pub(super) fn encoded_low_rank(rows: usize, settings: &LowRankSettings) -> u64 {
     let cheap = (USUAL_PRICE / f64::from(settings.price)).max(1.0);
-    (AN_ENCODED_ROW * rows as f64 * cheap.powf(CHEAPER)) as u64
+    (AN_ENCODED_ROW * rows as f64 * cheap.powf(CHEAPER)).round() as u64
 }
 
 /// What so many rows take by their own coefficients, diffuse and glossy: places and values, bytes.

@@ -275,19 +275,24 @@ fn a_view_of_nothing_is_refused() {
 #[test]
 fn weights_that_cannot_be_are_refused() {
     let transfer = small(Encoding::LowRank);
-    let weights = [&transfer.gather.sample_weights, &transfer.gather.weights].map(|weights| weights.to_vec());
-    assert_eq!(weights.each_ref().map(Vec::len), [transfer.cloud.len(); 2]);
-    for which in 0..2 {
-        let [mut few, mut none] = [weights[which].clone(), weights[which].clone()];
-        few.pop();
-        none[100] = f32::NAN;
-        for changed in [few, none] {
-            let mut altered = transfer.clone();
-            *[&mut altered.gather.sample_weights, &mut altered.gather.weights][which] = changed.into();
-            let saved = Saved::new(&altered);
-            let sentence = saved.refusal(&saved.bytes, "weights that cannot be");
-            assert!(sentence.contains("gather"), "{sentence}");
-        }
+    let count = transfer.cloud.len();
+    let mut none = vec![1.0; count];
+    none[100] = f32::NAN;
+    for (which, changed) in (0..4).flat_map(|which| [(which, vec![1.0; count - 1]), (which, none.clone())]) {
+        let mut altered = transfer.clone();
+        let Transfer { bounce, gather, .. } = &mut altered;
+        let weights = [
+            &mut bounce.sample_weights,
+            &mut bounce.weights,
+            &mut gather.sample_weights,
+            &mut gather.weights,
+        ];
+        let all = weights.into_iter().nth(which).expect("four of them");
+        assert_eq!(all.len(), count);
+        *all = changed.into();
+        let saved = Saved::new(&altered);
+        let sentence = saved.refusal(&saved.bytes, "weights that cannot be");
+        assert!(sentence.contains(["bounce", "gather"][which / 2]), "{sentence}");
     }
 }
 

@@ -24,7 +24,7 @@ const MOST_CELLS: usize = 1 << 20;
 /// Of a photon.
 const A_PHOTON: u64 = 96;
 /// Of a row that is encoded at [`USUAL_PRICE`], diffuse and glossy; more where bytes are cheaper, by this power: in sponza 80 bytes in blocks of 1024 rows,
-/// 210 at a fifth of the price, and 2400 in those of 64 at an eightieth.
+/// 200 at a fifth of the price, and 2400 in those of 64 at a hundredth (these before light was told as a multiple of what is expected).
 const AN_ENCODED_ROW: f64 = 200.0;
 const USUAL_PRICE: f64 = 3.2e-6;
 const CHEAPER: f64 = 0.75;

@@ -120,12 +120,11 @@ pub(super) fn diagonal(cloud: &GatherCloud) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bytemuck::Zeroable;
-
     use crate::sample::{CloudMethod, CloudSettings, GatherSample};
     use crate::scene::{Geometry, Instance, Material, Mesh, Scene};
     use crate::trace::sampling::uniform_sphere;
     use crate::trace::{Hit, Ray};
+    use bytemuck::Zeroable;
     use glam::{Affine3A, Vec2};
 
     /// A closed box from the origin, its sides facing inwards.
@@ -198,8 +197,10 @@ mod tests {
         // the middle of the wall at an end faces more of the room than a corner does
         let near = |place: Vec3| {
             let distance = |index: &usize| cloud.samples[*index].position.distance(place);
-            let nearest = (0..cloud.surfaces().len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
-            radiance[nearest.unwrap()] / cloud.samples[nearest.unwrap()].albedo.x
+            let all = 0..cloud.surfaces().len();
+            let nearest =
+                all.min_by(|a, b| distance(a).total_cmp(&distance(b))).expect("a cloud has samples");
+            radiance[nearest] / cloud.samples[nearest].albedo.x
         };
         let (end, corner) = (near(Vec3::new(2.0, 1.25, 0.0)), near(Vec3::new(0.1, 0.0, 0.1)));
         assert!(end > 1.2 * corner, "{end} and {corner}");

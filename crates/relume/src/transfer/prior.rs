@@ -175,7 +175,7 @@ fn scaled(light: &[Vec3], inverse: &[f32]) -> Option<(Vec<f64>, Vec<f32>)> {
     Some((shares, grey.collect()))
 }
 
-/// `E`, from the light of lamps anywhere with its bounces, up to a common factor. What they leave dark may be lit otherwise, and then as brightly as it reflects. The
+/// `E`, from the light of lamps anywhere with its bounces, up to a common factor, and what surfaces reflect on `white` paint. What they leave dark may be lit otherwise, and then as brightly as it reflects. The
 /// sky is expected to be as bright as the surfaces in the mean, and so is at least, whatever it reflects, the brightest place of what shines.
 fn expected_radiance(outlook: &Outlook, white: &[Vec3], lights: &[Vec3]) -> Vec<f32> {
     let mean = |values: &mut dyn Iterator<Item = Vec3>| {
@@ -184,8 +184,8 @@ fn expected_radiance(outlook: &Outlook, white: &[Vec3], lights: &[Vec3]) -> Vec<
     };
     let brightness = mean(&mut lights[..white.len()].iter().copied());
     let albedo = mean(&mut white.iter().copied());
-    let expected = |(white, light): (&Vec3, &Vec3)| {
-        let elsewhere = ELSEWHERE * white.element_sum() / albedo;
+    let expected = |(own, light): (&Vec3, &Vec3)| {
+        let elsewhere = ELSEWHERE * own.element_sum() / albedo;
         (light.element_sum() / brightness + elsewhere).max(LEAST_EXPECTED)
     };
     let mut expected: Vec<f32> = white.iter().zip(lights).map(expected).collect();
